@@ -1,0 +1,16 @@
+/* The program `nacre`: its list of verbs. */
+#include "cmd/verbs.h"
+
+int main(int argc, char **argv)
+{
+    static const struct verb *const verbs[] = {&verb_scan,   &verb_simulate, &verb_develop,
+                                               &verb_factor, &verb_error,    &verb_render,
+                                               &verb_report, &verb_devices,  NULL};
+    static const struct program program = {
+        .name = "nacre",
+        .version = NACRE_VERSION,
+        .summary = "measures, factors and renders heterogeneous translucent materials",
+        .verbs = verbs,
+    };
+    return options_run(&program, argc, argv);
+}

@@ -1,0 +1,66 @@
+/* YAML settings read into C structs by tables that refuse what they do not know, with line and column. */
+#ifndef BASE_SETTINGS_H
+#define BASE_SETTINGS_H
+
+#include "nacre/error.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+
+enum settings_kind {
+    SETTINGS_BOOL,    /* bool */
+    SETTINGS_INT,     /* int */
+    SETTINGS_REAL,    /* double */
+    SETTINGS_STRING,  /* char *, heap */
+    SETTINGS_PATH,    /* char *, heap: a relative path is taken from the file's own folder */
+    SETTINGS_CHOICE,  /* int, index into words */
+    SETTINGS_REALS,   /* double[count], a sequence of exactly `count` numbers; one number fills all */
+    SETTINGS_STRUCT,  /* a struct inside the struct, by `schema` */
+    SETTINGS_LIST,    /* heap array of structs by `schema`; its size_t length at `length_offset` */
+    SETTINGS_NUMBERS, /* heap array of double; its size_t length at `length_offset` */
+    SETTINGS_STRINGS, /* heap array of char *; its size_t length at `length_offset` */
+};
+
+struct settings_schema;
+
+/* One key. A table ends with a zeroed entry. */
+struct settings_field {
+    const char *key;
+    enum settings_kind kind;
+    size_t offset;           /* of the value */
+    size_t length_offset;    /* lists: of the length */
+    size_t count;            /* SETTINGS_REALS */
+    double minimum, maximum; /* inclusive; both 0: no limits. Lists: of each number */
+    bool required;
+    const char *fallback; /* scalars and REALS: the default, in YAML; NULL: zero */
+    const char *const *words; /* SETTINGS_CHOICE: NULL-terminated */
+    const struct settings_schema *schema;
+    const char *sentence; /* what it means, with its unit */
+    size_t line_offset;   /* of an int that gets the key's line (0: none; so never the first member) */
+};
+
+struct settings_schema {
+    const char *what; /* "sample file", for messages */
+    size_t size;      /* of the struct */
+    const struct settings_field *fields;
+    size_t line_offset; /* of an int that gets the mapping's line (0: none) */
+};
+
+/* Read `path` into *out (zeroed here first). On failure nothing is held. A message names file, line, column, key and
+ * what would be right. */
+int settings_read(const char *path, const struct settings_schema *schema, void *out,
+                  struct nacre_error *error);
+
+/* The same from text, named `name` in messages; relative paths are taken from `folder`. */
+int settings_parse(const char *name, const char *folder, const char *text, size_t size,
+                   const struct settings_schema *schema, void *out, struct nacre_error *error);
+
+/* Write *in as YAML that settings_read takes back: the whole file or none. Values equal to their default are written
+ * too, so that the file says everything. */
+int settings_write(const char *path, const struct settings_schema *schema, const void *in,
+                   struct nacre_error *error);
+
+/* Free what settings_read allocated and zero the struct. */
+void settings_finish(const struct settings_schema *schema, void *settings);
+
+#endif

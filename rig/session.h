@@ -1,0 +1,64 @@
+/* A session folder: the files of one acquisition, written pattern by pattern and read back by develop.
+ *
+ * SESSION/station.yaml, plan.yaml: as used. SESSION/calibration/{black,white,dots}-NNN.exr and
+ * SESSION/frames/NNNNNN.exr (grids): one multi-part file a pattern, one part an exposure, named after its time; channel
+ * `raw` UINT, ZIP. A pattern file that exists is whole. docs/formats.md has the attributes. */
+#ifndef RIG_SESSION_H
+#define RIG_SESSION_H
+
+#include "nacre/error.h"
+#include "rig/bayer.h"
+#include "rig/plan.h"
+#include "rig/station.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+struct session {
+    char *path;
+    struct station station;
+    struct plan plan;
+};
+
+/* One exposure of a pattern. */
+struct exposure {
+    int64_t exposure_ns;
+    int64_t flip_ns, trigger_ns, frame_ns; /* pattern on the glass, trigger's edge, exposure's beginning */
+    uint32_t sequence;
+    uint16_t *raw; /* [height][width] */
+};
+
+/* Everything recorded of one pattern. */
+struct pattern_frames {
+    struct pattern pattern;
+    int width, height, bits;
+    enum bayer bayer;
+    int seed; /* of the plan that showed it */
+    size_t count;
+    struct exposure *exposures;
+};
+
+/* Make a session folder from its settings files (copied in). With `resume` an existing one is continued if its settings
+ * are the same as these, bit for bit once read, and unfinished temporary files in it are removed. Without, an existing
+ * folder is refused. */
+int session_create(const char *path, const char *station_path, const char *plan_path, bool resume,
+                   struct session *session, struct nacre_error *error);
+
+/* Open an existing session for reading. */
+int session_open(const char *path, struct session *session, struct nacre_error *error);
+void session_finish(struct session *session);
+
+/* Whether the pattern's file exists. */
+bool session_has(const struct session *session, struct pattern pattern);
+
+/* Write a pattern's file, whole or not at all. */
+int session_write(const struct session *session, const struct pattern_frames *frames,
+                  struct nacre_error *error);
+
+/* Read a pattern's file; pattern_frames_finish frees. Checked: kind, number, seed, size, bits and Bayer order against
+ * the session's settings. */
+int session_read(const struct session *session, struct pattern pattern,
+                 struct pattern_frames *frames, struct nacre_error *error);
+void pattern_frames_finish(struct pattern_frames *frames);
+
+#endif

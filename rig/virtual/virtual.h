@@ -1,0 +1,30 @@
+/* The virtual station: camera, projector, trigger and clock of a simulated rig behind the seams of the real ones. */
+#ifndef RIG_VIRTUAL_VIRTUAL_H
+#define RIG_VIRTUAL_VIRTUAL_H
+
+#include "base/clock.h"
+#include "base/opencl.h"
+#include "rig/camera.h"
+#include "rig/projector.h"
+#include "rig/station.h"
+#include "rig/trigger.h"
+
+struct virtual_station;
+
+/* Build the station that station->simulated describes. Its time is simulated: it passes only in exposures and waits.
+ * Keeps what it needs of `station`; `opencl` must outlive it. */
+int virtual_station_new(const struct station *station, const struct opencl *opencl,
+                        struct virtual_station **simulated, struct nacre_error *error);
+
+/* The devices; they belong to the virtual station, and their close does nothing. */
+struct camera *virtual_station_camera(struct virtual_station *simulated);
+struct projector *virtual_station_projector(struct virtual_station *simulated);
+struct trigger *virtual_station_trigger(struct virtual_station *simulated);
+struct clock *virtual_station_clock(struct virtual_station *simulated);
+
+/* Lay the white diffuse layer on the sample or take it off (what the operator does at a real station). */
+void virtual_station_set_white_layer(struct virtual_station *simulated, int on);
+
+void virtual_station_free(struct virtual_station *simulated); /* NULL is allowed */
+
+#endif
