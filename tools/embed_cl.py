@@ -1,3 +1,4 @@
+#!/usr/bin/env python3
 """Turns an OpenCL source into a C source that holds it, with a #line so that messages name file and line."""
 import json
 import os
@@ -12,7 +13,7 @@ text = [json.dumps(line + '\n') for line in [f'#line 1 "{name}"'] + lines]
 with open(output, 'w', encoding='utf-8') as file:
     file.write('#include "base/opencl.h"\n')
     # Several literals: C17 promises only 4095 characters in one, and an array initialiser has no such limit.
-    file.write(f'static const char *const lines[] = {{\n')
+    file.write('static const char *const lines[] = {\n')
     file.write(''.join(f'    {line},\n' for line in text))
     file.write('};\n')
     file.write(f'const struct opencl_source {symbol} = {{"{name}", lines, sizeof lines / sizeof lines[0]}};\n')
