@@ -5,6 +5,7 @@
 #include "base/settings.h"
 #include "nacre/error.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -30,6 +31,7 @@ struct plan {
     int window;              /* K of the responses to be extracted, odd, at most grid_spacing */
     double *exposure_turns;  /* exposures in turns of the colour wheel, ascending; heap */
     size_t exposure_count;
+    int dots_line, window_line, exposures_line; /* in the file, for messages */
 };
 
 extern const struct settings_schema plan_schema;
@@ -40,21 +42,26 @@ struct pattern {
     int number; /* within its kind, from 0 */
 };
 
+/* Read and check a plan file; plan_finish frees. */
 int plan_read(const char *path, struct plan *plan, struct nacre_error *error);
 void plan_finish(struct plan *plan);
+
+/* Whether a kind of pattern is shown with the white layer on the sample. */
+bool pattern_kind_wants_white_layer(enum pattern_kind kind);
 
 /* How many patterns of a kind the plan has: grid_spacing^2 grids, ceil(dot_spacing / dot_shift)^2 dots, ... */
 int plan_pattern_count(const struct plan *plan, enum pattern_kind kind);
 
-/* The order of showing: patterns[sum of counts] on the heap. Black and white and dots in order first (they need the
- * white layer on or off in turn), then all grids, shuffled by the seed; the same for the same plan everywhere. */
+/* The order of showing: patterns[sum of counts] on the heap. White and dots first (with the white layer on), then black
+ * and all grids (bare sample), the grids shuffled by the seed; the same for the same plan everywhere. */
 int plan_order(const struct plan *plan, struct pattern **patterns, size_t *count,
                struct nacre_error *error);
 
 /* The offset of the first lit point (x, y) of grid or dots pattern `number`; lit are x + i spacing, y + j spacing. */
 void plan_pattern_offset(const struct plan *plan, struct pattern pattern, int *x, int *y);
 
-/* Draw a pattern for width x height projector pixels. */
+/* Draw a pattern for width x height projector pixels: levels[height][width], 0 or 255. Dots that the border would cut
+ * are left out: their centres would lie. */
 void plan_draw(const struct plan *plan, struct pattern pattern, int width, int height,
                uint8_t *levels);
 

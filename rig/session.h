@@ -18,6 +18,8 @@ struct session {
     char *path;
     struct station station;
     struct plan plan;
+    int folder; /* holds the lock while `locked` */
+    bool locked;
 };
 
 /* One exposure of a pattern. */
@@ -38,9 +40,10 @@ struct pattern_frames {
     struct exposure *exposures;
 };
 
-/* Make a session folder from its settings files (copied in). With `resume` an existing one is continued if its settings
- * are the same as these, bit for bit once read, and unfinished temporary files in it are removed. Without, an existing
- * folder is refused. */
+/* Make a session folder from its settings files (copied in, with every default spelled out) and lock it: a second
+ * program is refused. plan_path NULL: the plan that the station file names. With `resume` an existing folder is
+ * continued if its settings are the same as these once read, and unfinished temporary files in it are removed;
+ * station_path NULL then means the session's own settings. Without `resume` an existing folder is refused. */
 int session_create(const char *path, const char *station_path, const char *plan_path, bool resume,
                    struct session *session, struct nacre_error *error);
 
@@ -48,15 +51,21 @@ int session_create(const char *path, const char *station_path, const char *plan_
 int session_open(const char *path, struct session *session, struct nacre_error *error);
 void session_finish(struct session *session);
 
+/* The file of a pattern, "SESSION/frames/000412.exr"; heap, NULL when memory runs out. */
+char *session_pattern_path(const struct session *session, struct pattern pattern);
+
 /* Whether the pattern's file exists. */
 bool session_has(const struct session *session, struct pattern pattern);
+
+/* How long exposure `index` of every pattern takes: whole turns of the wheel, rounded to a nanosecond. */
+int64_t session_exposure_ns(const struct session *session, size_t index);
 
 /* Write a pattern's file, whole or not at all. */
 int session_write(const struct session *session, const struct pattern_frames *frames,
                   struct nacre_error *error);
 
-/* Read a pattern's file; pattern_frames_finish frees. Checked: kind, number, seed, size, bits and Bayer order against
- * the session's settings. */
+/* Read a pattern's file; pattern_frames_finish frees. Checked: kind, number, seed, size, bits, Bayer order and exposures against
+ * the session's settings. A pattern that was not measured fails too: ask session_has. */
 int session_read(const struct session *session, struct pattern pattern,
                  struct pattern_frames *frames, struct nacre_error *error);
 void pattern_frames_finish(struct pattern_frames *frames);

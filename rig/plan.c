@@ -1,0 +1,260 @@
+/* Plan files: reading, the order of patterns, and drawing them. */
+#include "rig/plan.h"
+
+#include <limits.h>
+#include <stdlib.h>
+#include <string.h>
+
+const char *const pattern_kind_names[] = {"black", "white", "dots", "grid", NULL};
+
+/* Many patterns are a mistake long before they are 10^6, where frame names would grow. */
+enum { SPACING_MAXIMUM = 512, EXPOSURES_MAXIMUM = 64 };
+
+static const struct settings_field fields[] = {
+    {.key = "seed",
+     .kind = SETTINGS_INT,
+     .offset = offsetof(struct plan, seed),
+     .maximum = INT_MAX,
+     .sentence = "of the random order of the grids"},
+    {.key = "black_frames",
+     .kind = SETTINGS_INT,
+     .offset = offsetof(struct plan, black_frames),
+     .minimum = 1,
+     .maximum = 10000,
+     .fallback = "100",
+     .sentence = "times the black pattern is measured"},
+    {.key = "white_frames",
+     .kind = SETTINGS_INT,
+     .offset = offsetof(struct plan, white_frames),
+     .minimum = 1,
+     .maximum = 10000,
+     .fallback = "4",
+     .sentence = "times the white pattern is measured"},
+    {.key = "dot_spacing",
+     .kind = SETTINGS_INT,
+     .offset = offsetof(struct plan, dot_spacing),
+     .minimum = 2,
+     .maximum = SPACING_MAXIMUM,
+     .fallback = "12",
+     .sentence = "projector pixels between dots",
+     .line_offset = offsetof(struct plan, dots_line)},
+    {.key = "dot_shift",
+     .kind = SETTINGS_INT,
+     .offset = offsetof(struct plan, dot_shift),
+     .minimum = 1,
+     .maximum = SPACING_MAXIMUM,
+     .fallback = "4",
+     .sentence = "projector pixels from one dots pattern to the next"},
+    {.key = "dot_size",
+     .kind = SETTINGS_INT,
+     .offset = offsetof(struct plan, dot_size),
+     .minimum = 1,
+     .maximum = SPACING_MAXIMUM,
+     .fallback = "2",
+     .sentence = "side of a square dot in projector pixels"},
+    {.key = "grid_spacing",
+     .kind = SETTINGS_INT,
+     .offset = offsetof(struct plan, grid_spacing),
+     .minimum = 1,
+     .maximum = SPACING_MAXIMUM,
+     .required = true,
+     .sentence = "surface points between lit points of a grid; its square is the number of grids"},
+    {.key = "window",
+     .kind = SETTINGS_INT,
+     .offset = offsetof(struct plan, window),
+     .minimum = 1,
+     .maximum = SPACING_MAXIMUM,
+     .required = true,
+     .sentence = "K of the K x K responses, odd, at most grid_spacing",
+     .line_offset = offsetof(struct plan, window_line)},
+    {.key = "exposure_turns",
+     .kind = SETTINGS_NUMBERS,
+     .offset = offsetof(struct plan, exposure_turns),
+     .length_offset = offsetof(struct plan, exposure_count),
+     .minimum = 0.01,
+     .maximum = 1e6,
+     .required = true,
+     .sentence = "exposures in turns of the colour wheel, ascending",
+     .line_offset = offsetof(struct plan, exposures_line)},
+    {0}};
+
+const struct settings_schema plan_schema = {
+    .what = "plan file", .size = sizeof(struct plan), .fields = fields};
+
+static int check_exposures(const char *path, const struct plan *plan, struct nacre_error *error)
+{
+    if (plan->exposure_count < 1 || plan->exposure_count > EXPOSURES_MAXIMUM) {
+        return nacre_fail(error, "%s:%d: exposure_turns: %zu exposures; give 1 to %d", path,
+                          plan->exposures_line, plan->exposure_count, EXPOSURES_MAXIMUM);
+    }
+    for (size_t i = 1; i < plan->exposure_count; i++) {
+        if (plan->exposure_turns[i] <= plan->exposure_turns[i - 1]) {
+            return nacre_fail(error, "%s:%d: exposure_turns: %g follows %g; put them in ascending order",
+                              path, plan->exposures_line, plan->exposure_turns[i],
+                              plan->exposure_turns[i - 1]);
+        }
+    }
+    return NACRE_OK;
+}
+
+/* What no single key can be refused for. */
+static int check(const char *path, const struct plan *plan, struct nacre_error *error)
+{
+    if (plan->window % 2 == 0) {
+        return nacre_fail(error, "%s:%d: window: %d is even; use %d or %d", path, plan->window_line,
+                          plan->window, plan->window - 1, plan->window + 1);
+    }
+    if (plan->window > plan->grid_spacing) {
+        return nacre_fail(error,
+                          "%s:%d: window: %d is wider than grid_spacing %d, so responses of one grid "
+                          "would overlap; narrow it or widen grid_spacing",
+                          path, plan->window_line, plan->window, plan->grid_spacing);
+    }
+    if (plan->dot_size >= plan->dot_spacing || plan->dot_shift > plan->dot_spacing) {
+        return nacre_fail(error,
+                          "%s:%d: dot_spacing: %d must be above dot_size %d and not below dot_shift %d",
+                          path, plan->dots_line, plan->dot_spacing, plan->dot_size, plan->dot_shift);
+    }
+    return check_exposures(path, plan, error);
+}
+
+int plan_read(const char *path, struct plan *plan, struct nacre_error *error)
+{
+    int status = settings_read(path, &plan_schema, plan, error);
+    if (status == NACRE_OK) {
+        status = check(path, plan, error);
+    }
+    if (status != NACRE_OK) {
+        plan_finish(plan);
+    }
+    return status;
+}
+
+void plan_finish(struct plan *plan)
+{
+    settings_finish(&plan_schema, plan);
+}
+
+bool pattern_kind_wants_white_layer(enum pattern_kind kind)
+{
+    return kind == PATTERN_WHITE || kind == PATTERN_DOTS;
+}
+
+static int dot_steps(const struct plan *plan)
+{
+    return (plan->dot_spacing + plan->dot_shift - 1) / plan->dot_shift;
+}
+
+int plan_pattern_count(const struct plan *plan, enum pattern_kind kind)
+{
+    switch (kind) {
+    case PATTERN_BLACK:
+        return plan->black_frames;
+    case PATTERN_WHITE:
+        return plan->white_frames;
+    case PATTERN_DOTS:
+        return dot_steps(plan) * dot_steps(plan);
+    case PATTERN_GRID:
+        return plan->grid_spacing * plan->grid_spacing;
+    case PATTERN_KINDS:
+        break;
+    }
+    return 0;
+}
+
+/* SplitMix64 (Steele, Lea and Flood 2014): the same numbers on every machine. */
+static uint64_t random_next(uint64_t *state)
+{
+    uint64_t z = *state += 0x9e3779b97f4a7c15u;
+    z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9u;
+    z = (z ^ z >> 27) * 0x94d049bb133111ebu;
+    return z ^ z >> 31;
+}
+
+/* Uniform in 0 .. bound - 1: the top of a range that is no whole multiple of bound is drawn again. */
+static size_t random_below(uint64_t *state, size_t bound)
+{
+    uint64_t limit = UINT64_MAX - UINT64_MAX % bound;
+    uint64_t value;
+    do {
+        value = random_next(state);
+    } while (value >= limit);
+    return (size_t)(value % bound);
+}
+
+/* Fisher and Yates. */
+static void shuffle(struct pattern *patterns, size_t count, uint64_t seed)
+{
+    for (size_t i = count; i > 1; i--) {
+        size_t j = random_below(&seed, i);
+        struct pattern last = patterns[i - 1];
+        patterns[i - 1] = patterns[j];
+        patterns[j] = last;
+    }
+}
+
+int plan_order(const struct plan *plan, struct pattern **patterns, size_t *count,
+               struct nacre_error *error)
+{
+    static const enum pattern_kind kinds[PATTERN_KINDS] = {PATTERN_WHITE, PATTERN_DOTS,
+                                                           PATTERN_BLACK, PATTERN_GRID};
+    size_t used = 0;
+    size_t total = 0;
+    for (int k = 0; k < PATTERN_KINDS; k++) {
+        total += (size_t)plan_pattern_count(plan, kinds[k]);
+    }
+    *count = 0;
+    *patterns = calloc(total, sizeof **patterns);
+    if (!*patterns) {
+        return nacre_fail_memory(error, "the order of patterns");
+    }
+    for (int k = 0; k < PATTERN_KINDS; k++) {
+        size_t first = used;
+        for (int n = 0; n < plan_pattern_count(plan, kinds[k]); n++) {
+            (*patterns)[used++] = (struct pattern){.kind = kinds[k], .number = n};
+        }
+        if (kinds[k] == PATTERN_GRID) {
+            shuffle(*patterns + first, used - first, (uint64_t)plan->seed);
+        }
+    }
+    *count = used;
+    return NACRE_OK;
+}
+
+void plan_pattern_offset(const struct plan *plan, struct pattern pattern, int *x, int *y)
+{
+    *x = 0;
+    *y = 0;
+    if (pattern.kind == PATTERN_GRID) {
+        *x = pattern.number % plan->grid_spacing;
+        *y = pattern.number / plan->grid_spacing;
+    } else if (pattern.kind == PATTERN_DOTS) {
+        *x = pattern.number % dot_steps(plan) * plan->dot_shift;
+        *y = pattern.number / dot_steps(plan) * plan->dot_shift;
+    }
+}
+
+static void draw_squares(int x0, int y0, int spacing, int side, int width, int height,
+                         uint8_t *levels)
+{
+    for (int y = y0; y + side <= height; y += spacing) {
+        for (int x = x0; x + side <= width; x += spacing) {
+            for (int row = y; row < y + side; row++) {
+                memset(levels + (size_t)row * (size_t)width + x, 255, (size_t)side);
+            }
+        }
+    }
+}
+
+void plan_draw(const struct plan *plan, struct pattern pattern, int width, int height,
+               uint8_t *levels)
+{
+    int x0, y0;
+    plan_pattern_offset(plan, pattern, &x0, &y0);
+    memset(levels, pattern.kind == PATTERN_WHITE ? 255 : 0, (size_t)width * (size_t)height);
+    if (pattern.kind == PATTERN_GRID) {
+        draw_squares(x0, y0, plan->grid_spacing, 1, width, height, levels);
+    } else if (pattern.kind == PATTERN_DOTS) {
+        draw_squares(x0, y0, plan->dot_spacing, plan->dot_size, width, height, levels);
+    }
+}
