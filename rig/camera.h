@@ -20,8 +20,8 @@ struct camera_ops {
     const char *name;
     /* Get ready to expose once for exposure_ns at the next trigger. */
     int (*arm)(struct camera *camera, int64_t exposure_ns, struct nacre_error *error);
-    /* Wait for the triggered frame, at most until timeout_ns after the call. A frame that was lost or damaged is
-     * NACRE_FAILED with a text; the sequencer retries. */
+    /* Wait for the triggered frame, at most until timeout_ns after the call. A frame that was lost
+     * or damaged is NACRE_FAILED with a text; the sequencer retries. */
     int (*take)(struct camera *camera, int64_t timeout_ns, struct camera_frame *frame,
                 struct nacre_error *error);
     void (*close)(struct camera *camera);

@@ -89,9 +89,9 @@ static int check_exposures(const char *path, const struct plan *plan, struct nac
     }
     for (size_t i = 1; i < plan->exposure_count; i++) {
         if (plan->exposure_turns[i] <= plan->exposure_turns[i - 1]) {
-            return nacre_fail(error, "%s:%d: exposure_turns: %g follows %g; put them in ascending order",
-                              path, plan->exposures_line, plan->exposure_turns[i],
-                              plan->exposure_turns[i - 1]);
+            return nacre_fail(
+                error, "%s:%d: exposure_turns: %g follows %g; put them in ascending order", path,
+                plan->exposures_line, plan->exposure_turns[i], plan->exposure_turns[i - 1]);
         }
     }
     return NACRE_OK;
@@ -105,15 +105,16 @@ static int check(const char *path, const struct plan *plan, struct nacre_error *
                           plan->window, plan->window - 1, plan->window + 1);
     }
     if (plan->window > plan->grid_spacing) {
-        return nacre_fail(error,
-                          "%s:%d: window: %d is wider than grid_spacing %d, so responses of one grid "
-                          "would overlap; narrow it or widen grid_spacing",
-                          path, plan->window_line, plan->window, plan->grid_spacing);
+        return nacre_fail(
+            error,
+            "%s:%d: window: %d is wider than grid_spacing %d, so responses of one grid "
+            "would overlap; narrow it or widen grid_spacing",
+            path, plan->window_line, plan->window, plan->grid_spacing);
     }
     if (plan->dot_size >= plan->dot_spacing || plan->dot_shift > plan->dot_spacing) {
-        return nacre_fail(error,
-                          "%s:%d: dot_spacing: %d must be above dot_size %d and not below dot_shift %d",
-                          path, plan->dots_line, plan->dot_spacing, plan->dot_size, plan->dot_shift);
+        return nacre_fail(
+            error, "%s:%d: dot_spacing: %d must be above dot_size %d and not below dot_shift %d",
+            path, plan->dots_line, plan->dot_spacing, plan->dot_size, plan->dot_shift);
     }
     return check_exposures(path, plan, error);
 }
@@ -171,7 +172,8 @@ static uint64_t random_next(uint64_t *state)
     return z ^ z >> 31;
 }
 
-/* Uniform in 0 .. bound - 1: the top of a range that is no whole multiple of bound is drawn again. */
+/* Uniform in 0 .. bound - 1: the top of a range that is no whole multiple of bound is drawn again.
+ */
 static size_t random_below(uint64_t *state, size_t bound)
 {
     uint64_t limit = UINT64_MAX - UINT64_MAX % bound;

@@ -1,4 +1,5 @@
-/* plan.yaml: which patterns a scan shows, how often and how long each is exposed, and drawing them. */
+/* plan.yaml: which patterns a scan shows, how often and how long each is exposed, and drawing them.
+ */
 #ifndef RIG_PLAN_H
 #define RIG_PLAN_H
 
@@ -13,7 +14,8 @@ enum pattern_kind {
     PATTERN_BLACK, /* nothing lit, bare sample: the projector's black level (paper section 4.2) */
     PATTERN_WHITE, /* all lit, white layer on: camera vignetting and projector fall-off */
     PATTERN_DOTS,  /* spaced dots on the white layer, shifted from pattern to pattern: geometry */
-    PATTERN_GRID,  /* single surface points on a regular grid, bare sample: the responses (section 4.3) */
+    PATTERN_GRID,  /* single surface points on a regular grid, bare sample: the responses
+                      (section 4.3) */
     PATTERN_KINDS
 };
 
@@ -21,15 +23,15 @@ enum pattern_kind {
 extern const char *const pattern_kind_names[];
 
 struct plan {
-    int seed;                /* of the random order */
-    int black_frames;        /* HDR frames of the black pattern */
-    int white_frames;        /* HDR frames of the white pattern */
-    int dot_spacing;         /* projector pixels between dots */
-    int dot_shift;           /* projector pixels from one dots pattern to the next, in x and in y */
-    int dot_size;            /* side of a square dot, projector pixels */
-    int grid_spacing;        /* surface points between lit points; spacing^2 patterns */
-    int window;              /* K of the responses to be extracted, odd, at most grid_spacing */
-    double *exposure_turns;  /* exposures in turns of the colour wheel, ascending; heap */
+    int seed;               /* of the random order */
+    int black_frames;       /* HDR frames of the black pattern */
+    int white_frames;       /* HDR frames of the white pattern */
+    int dot_spacing;        /* projector pixels between dots */
+    int dot_shift;          /* projector pixels from one dots pattern to the next, in x and in y */
+    int dot_size;           /* side of a square dot, projector pixels */
+    int grid_spacing;       /* surface points between lit points; spacing^2 patterns */
+    int window;             /* K of the responses to be extracted, odd, at most grid_spacing */
+    double *exposure_turns; /* exposures in turns of the colour wheel, ascending; heap */
     size_t exposure_count;
     int dots_line, window_line, exposures_line; /* in the file, for messages */
 };
@@ -49,19 +51,22 @@ void plan_finish(struct plan *plan);
 /* Whether a kind of pattern is shown with the white layer on the sample. */
 bool pattern_kind_wants_white_layer(enum pattern_kind kind);
 
-/* How many patterns of a kind the plan has: grid_spacing^2 grids, ceil(dot_spacing / dot_shift)^2 dots, ... */
+/* How many patterns of a kind the plan has: grid_spacing^2 grids, ceil(dot_spacing / dot_shift)^2
+ * dots, ... */
 int plan_pattern_count(const struct plan *plan, enum pattern_kind kind);
 
-/* The order of showing: patterns[sum of counts] on the heap. White and dots first (with the white layer on), then black
- * and all grids (bare sample), the grids shuffled by the seed; the same for the same plan everywhere. */
+/* The order of showing: patterns[sum of counts] on the heap. White and dots first (with the white
+ * layer on), then black and all grids (bare sample), the grids shuffled by the seed; the same for
+ * the same plan everywhere. */
 int plan_order(const struct plan *plan, struct pattern **patterns, size_t *count,
                struct nacre_error *error);
 
-/* The offset of the first lit point (x, y) of grid or dots pattern `number`; lit are x + i spacing, y + j spacing. */
+/* The offset of the first lit point (x, y) of grid or dots pattern `number`; lit are x + i spacing,
+ * y + j spacing. */
 void plan_pattern_offset(const struct plan *plan, struct pattern pattern, int *x, int *y);
 
-/* Draw a pattern for width x height projector pixels: levels[height][width], 0 or 255. Dots that the border would cut
- * are left out: their centres would lie. */
+/* Draw a pattern for width x height projector pixels: levels[height][width], 0 or 255. Dots that
+ * the border would cut are left out: their centres would lie. */
 void plan_draw(const struct plan *plan, struct pattern pattern, int width, int height,
                uint8_t *levels);
 

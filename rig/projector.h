@@ -10,9 +10,9 @@ struct projector;
 
 struct projector_ops {
     const char *name;
-    /* Put `levels` (uint8_t[height][width], 0 black to 255 white, one value a projector pixel, on all colours) on the
-     * glass and wait until it is there. Writes when it appeared, on the station's clock. On failure what is shown is
-     * unknown. */
+    /* Put `levels` (uint8_t[height][width], 0 black to 255 white, one value a projector pixel, on
+     * all colours) on the glass and wait until it is there. Writes when it appeared, on the
+     * station's clock. On failure what is shown is unknown. */
     int (*show)(struct projector *projector, const uint8_t *levels, int64_t *flip_ns,
                 struct nacre_error *error);
     /* Blank the projector and free everything, the projector too. */
@@ -22,8 +22,9 @@ struct projector_ops {
 /* A concrete projector embeds this as its first member. */
 struct projector {
     const struct projector_ops *ops;
-    int width, height;   /* pixels of the sample's region: one is one surface point */
-    int64_t period_ns;   /* of one refresh, a turn of the colour wheel; exposures are whole multiples of it */
+    int width, height; /* pixels of the sample's region: one is one surface point */
+    int64_t period_ns; /* of one refresh, a turn of the colour wheel; exposures are whole multiples
+                          of it */
 };
 
 #endif

@@ -98,8 +98,10 @@ static int lock(struct session *session, struct nacre_error *error)
     session->locked = true;
     if (flock(session->folder, LOCK_EX | LOCK_NB) != 0) {
         return errno == EWOULDBLOCK
-                   ? nacre_fail(error, "%s: another program is measuring this session; wait for it or stop it",
-                                session->path)
+                   ? nacre_fail(
+                         error,
+                         "%s: another program is measuring this session; wait for it or stop it",
+                         session->path)
                    : nacre_fail_errno(error, errno, "%s: cannot lock the session", session->path);
     }
     return NACRE_OK;
@@ -157,8 +159,8 @@ static int write_settings(const struct session *session, const char *name,
                           struct nacre_error *error)
 {
     char *path = file_path(session, name);
-    int status = path ? settings_write(path, schema, settings, error)
-                      : nacre_fail_memory(error, "a path");
+    int status =
+        path ? settings_write(path, schema, settings, error) : nacre_fail_memory(error, "a path");
     free(path);
     return status;
 }
@@ -191,16 +193,18 @@ static int compare_settings(const struct session *session, struct nacre_error *e
     if (status != NACRE_OK) {
         goto out;
     }
-    bool same = settings_same(&station_schema, &own.station, &session->station, where, sizeof where);
+    bool same =
+        settings_same(&station_schema, &own.station, &session->station, where, sizeof where);
     if (same) {
         file = "plan.yaml";
         same = settings_same(&plan_schema, &own.plan, &session->plan, where, sizeof where);
     }
     if (!same) {
-        status = nacre_fail(error,
-                            "%s: cannot be resumed: %s of %s/%s is not what it was begun with; use the "
-                            "same settings or begin a new session",
-                            session->path, where, session->path, file);
+        status =
+            nacre_fail(error,
+                       "%s: cannot be resumed: %s of %s/%s is not what it was begun with; use the "
+                       "same settings or begin a new session",
+                       session->path, where, session->path, file);
     }
 out:
     own.path = NULL;
@@ -234,7 +238,8 @@ static int make_session(struct session *session, struct nacre_error *error)
     int status;
     if (mkdir(session->path, 0777) != 0) {
         return errno == EEXIST
-                   ? nacre_fail(error, "%s: exists already; resume it (--resume) or choose another name",
+                   ? nacre_fail(error,
+                                "%s: exists already; resume it (--resume) or choose another name",
                                 session->path)
                    : nacre_fail_errno(error, errno, "%s: cannot make the session", session->path);
     }

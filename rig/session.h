@@ -1,8 +1,10 @@
-/* A session folder: the files of one acquisition, written pattern by pattern and read back by develop.
+/* A session folder: the files of one acquisition, written pattern by pattern and read back by
+ * develop.
  *
  * SESSION/station.yaml, plan.yaml: as used. SESSION/calibration/{black,white,dots}-NNN.exr and
- * SESSION/frames/NNNNNN.exr (grids): one multi-part file a pattern, one part an exposure, named after its time; channel
- * `raw` UINT, ZIP. A pattern file that exists is whole. docs/formats.md has the attributes. */
+ * SESSION/frames/NNNNNN.exr (grids): one multi-part file a pattern, one part an exposure, named
+ * after its time; channel `raw` UINT, ZIP. A pattern file that exists is whole. docs/formats.md has
+ * the attributes. */
 #ifndef RIG_SESSION_H
 #define RIG_SESSION_H
 
@@ -25,7 +27,8 @@ struct session {
 /* One exposure of a pattern. */
 struct exposure {
     int64_t exposure_ns;
-    int64_t flip_ns, trigger_ns, frame_ns; /* pattern on the glass, trigger's edge, exposure's beginning */
+    int64_t flip_ns, trigger_ns,
+        frame_ns; /* pattern on the glass, trigger's edge, exposure's beginning */
     uint32_t sequence;
     uint16_t *raw; /* [height][width] */
 };
@@ -40,10 +43,11 @@ struct pattern_frames {
     struct exposure *exposures;
 };
 
-/* Make a session folder from its settings files (copied in, with every default spelled out) and lock it: a second
- * program is refused. plan_path NULL: the plan that the station file names. With `resume` an existing folder is
- * continued if its settings are the same as these once read, and unfinished temporary files in it are removed;
- * station_path NULL then means the session's own settings. Without `resume` an existing folder is refused. */
+/* Make a session folder from its settings files (copied in, with every default spelled out) and
+ * lock it: a second program is refused. plan_path NULL: the plan that the station file names. With
+ * `resume` an existing folder is continued if its settings are the same as these once read, and
+ * unfinished temporary files in it are removed; station_path NULL then means the session's own
+ * settings. Without `resume` an existing folder is refused. */
 int session_create(const char *path, const char *station_path, const char *plan_path, bool resume,
                    struct session *session, struct nacre_error *error);
 
@@ -57,15 +61,17 @@ char *session_pattern_path(const struct session *session, struct pattern pattern
 /* Whether the pattern's file exists. */
 bool session_has(const struct session *session, struct pattern pattern);
 
-/* How long exposure `index` of every pattern takes: whole turns of the wheel, rounded to a nanosecond. */
+/* How long exposure `index` of every pattern takes: whole turns of the wheel, rounded to a
+ * nanosecond. */
 int64_t session_exposure_ns(const struct session *session, size_t index);
 
 /* Write a pattern's file, whole or not at all. */
 int session_write(const struct session *session, const struct pattern_frames *frames,
                   struct nacre_error *error);
 
-/* Read a pattern's file; pattern_frames_finish frees. Checked: kind, number, seed, size, bits, Bayer order and exposures against
- * the session's settings. A pattern that was not measured fails too: ask session_has. */
+/* Read a pattern's file; pattern_frames_finish frees. Checked: kind, number, seed, size, bits,
+ * Bayer order and exposures against the session's settings. A pattern that was not measured fails
+ * too: ask session_has. */
 int session_read(const struct session *session, struct pattern pattern,
                  struct pattern_frames *frames, struct nacre_error *error);
 void pattern_frames_finish(struct pattern_frames *frames);

@@ -12,8 +12,7 @@
 
 int64_t session_exposure_ns(const struct session *session, size_t index)
 {
-    return llround(session->plan.exposure_turns[index] * 1e9 /
-                   session->station.projector.wheel_hz);
+    return llround(session->plan.exposure_turns[index] * 1e9 / session->station.projector.wheel_hz);
 }
 
 /* EXR's integers have 32 bits, too few for nanoseconds: those are strings of decimal digits. */
@@ -49,8 +48,8 @@ static int add_exposure_attributes(struct exr_part *part, const struct pattern_f
 static int add_file_attributes(struct exr_part *part, const struct pattern_frames *frames)
 {
     if (exr_part_add_string(part, "nacre.format", "frames 1") != NACRE_OK ||
-        exr_part_add_string(part, "nacre.pattern.kind",
-                            pattern_kind_names[frames->pattern.kind]) != NACRE_OK ||
+        exr_part_add_string(part, "nacre.pattern.kind", pattern_kind_names[frames->pattern.kind]) !=
+            NACRE_OK ||
         exr_part_add_int(part, "nacre.pattern.number", frames->pattern.number) != NACRE_OK) {
         return NACRE_FAILED;
     }
@@ -212,7 +211,8 @@ static int read_exposure(const struct session *session, const struct exr_part *p
         return NACRE_FAILED;
     }
     if (exposure->exposure_ns != session_exposure_ns(session, index)) {
-        return nacre_fail(error, "part %s: was exposed for %" PRId64 " ns where the plan has %" PRId64,
+        return nacre_fail(error,
+                          "part %s: was exposed for %" PRId64 " ns where the plan has %" PRId64,
                           part->name, exposure->exposure_ns, session_exposure_ns(session, index));
     }
     exposure->raw = malloc(pixels * sizeof *exposure->raw);

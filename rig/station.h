@@ -39,8 +39,8 @@ struct station {
     struct station_camera camera;
     struct station_projector projector;
     struct station_trigger trigger;
-    double white_reflectance[3];       /* R G B, of the white diffuse layer */
-    char *plan;                        /* plan file that is used unless another is named; may be NULL */
+    double white_reflectance[3]; /* R G B, of the white diffuse layer */
+    char *plan;                  /* plan file that is used unless another is named; may be NULL */
     struct virtual_settings simulated; /* key `virtual`: of the drivers called virtual */
 };
 

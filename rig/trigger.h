@@ -10,7 +10,8 @@ struct trigger;
 
 struct trigger_ops {
     const char *name;
-    /* Give one trigger pulse of exposure_ns. Writes the time of its rising edge on the station's clock. */
+    /* Give one trigger pulse of exposure_ns. Writes the time of its rising edge on the station's
+     * clock. */
     int (*fire)(struct trigger *trigger, int64_t exposure_ns, int64_t *trigger_ns,
                 struct nacre_error *error);
     void (*close)(struct trigger *trigger);

@@ -80,10 +80,9 @@ static const struct settings_field camera_fields[] = {
      .sentence = "time to read a frame out after its exposure"},
     {0}};
 
-static const struct settings_schema camera_schema = {
-    .what = "virtual camera",
-    .size = sizeof(struct virtual_camera_settings),
-    .fields = camera_fields};
+static const struct settings_schema camera_schema = {.what = "virtual camera",
+                                                     .size = sizeof(struct virtual_camera_settings),
+                                                     .fields = camera_fields};
 
 static const struct settings_field fields[] = {
     {.key = "sample",

@@ -12,14 +12,16 @@ struct virtual_projector_settings {
 };
 
 struct virtual_camera_settings {
-    double distance_mm;      /* from the pinhole to the centre of the sample */
-    double elevation_deg;    /* of the optical axis above the projector's, which is the sample's normal */
-    double roll_deg;         /* of the camera about its optical axis, clockwise as the camera looks */
+    double distance_mm; /* from the pinhole to the centre of the sample */
+    double
+        elevation_deg; /* of the optical axis above the projector's, which is the sample's normal */
+    double roll_deg;   /* of the camera about its optical axis, clockwise as the camera looks */
     double pixels_per_point; /* raw pixels that a surface point in the centre is wide */
     double vignetting;       /* fraction of light lost in the corners of the frame */
-    double full_scale_s;     /* exposure at which a white Lambertian surface, fully lit, just saturates */
-    double response[3];      /* R G B, of the colour filters to the projector's white */
-    double readout_ms;       /* time to read a frame out after its exposure */
+    double
+        full_scale_s; /* exposure at which a white Lambertian surface, fully lit, just saturates */
+    double response[3]; /* R G B, of the colour filters to the projector's white */
+    double readout_ms;  /* time to read a frame out after its exposure */
 };
 
 struct virtual_settings {
