@@ -151,8 +151,8 @@ int opencl_open(const char *selector, struct opencl *opencl, struct nacre_error 
     device_name(opencl->device, opencl->name, sizeof opencl->name);
     (void)clGetDeviceInfo(opencl->device, CL_DEVICE_PLATFORM, sizeof opencl->platform,
                           &opencl->platform, NULL);
-    (void)clGetDeviceInfo(opencl->device, CL_DEVICE_MAX_COMPUTE_UNITS,
-                          sizeof opencl->compute_units, &opencl->compute_units, NULL);
+    (void)clGetDeviceInfo(opencl->device, CL_DEVICE_MAX_COMPUTE_UNITS, sizeof opencl->compute_units,
+                          &opencl->compute_units, NULL);
     opencl->context = clCreateContext(NULL, 1, &opencl->device, NULL, NULL, &status);
     if (opencl_check(opencl, status, "cannot create a context", error) != NACRE_OK) {
         opencl_close(opencl);
@@ -236,11 +236,11 @@ int opencl_build(const struct opencl *opencl, const struct opencl_source *source
         }
     }
     /* OpenCL 1.2's prototype lacks a const that every implementation honours. */
-    *program = replaced
-                   ? clCreateProgramWithSource(opencl->context, 1, (const char **)&replaced, NULL,
-                                               &status)
-                   : clCreateProgramWithSource(opencl->context, (cl_uint)source->line_count,
-                                               (const char **)(size_t)source->lines, NULL, &status);
+    *program =
+        replaced
+            ? clCreateProgramWithSource(opencl->context, 1, (const char **)&replaced, NULL, &status)
+            : clCreateProgramWithSource(opencl->context, (cl_uint)source->line_count,
+                                        (const char **)(size_t)source->lines, NULL, &status);
     result = opencl_check(opencl, status, source->name, error);
     if (result == NACRE_OK) {
         status = clBuildProgram(*program, 1, &opencl->device, options, NULL, NULL);

@@ -1,4 +1,5 @@
-/* A program's verbs and options as tables, from which parsing, --help and the man pages are made. */
+/* A program's verbs and options as tables, from which parsing, --help and the man pages are made.
+ */
 #ifndef BASE_OPTIONS_H
 #define BASE_OPTIONS_H
 
@@ -25,13 +26,17 @@ struct option_spec {
     enum option_kind kind;
     const char *argument;     /* what --help calls its argument ("N", "FILE"); NULL for choices */
     const char *const *words; /* OPTION_CHOICE: NULL-terminated */
-    double minimum, maximum;  /* inclusive; both 0: no limits */
-    const char *fallback;     /* the default as it would be typed; NULL: zero */
-    const char *sentence;     /* one sentence for --help */
-    size_t offset;            /* of the value in the verb's settings */
+    const char *unit;         /* of its number ("mm"), for messages and --help; NULL: none */
+    double minimum,
+        maximum;          /* inclusive; both 0: no limits; INFINITY or INT_MAX: none on that side */
+    bool required;        /* wrong usage without it */
+    const char *fallback; /* the default as it would be typed; NULL: zero */
+    const char *sentence; /* one sentence for --help, without a full stop */
+    size_t offset;        /* of the value in the verb's settings */
 };
 
-/* What every verb is given beside its own settings. */
+/* What every verb is given beside its own settings; the options behind it are added to every verb's
+ * own. */
 struct invocation {
     bool quiet;         /* --quiet: no progress */
     bool json;          /* --json: results on standard output as JSON */
@@ -58,13 +63,15 @@ struct program {
     const struct verb *const *verbs; /* NULL-terminated */
 };
 
-/* Run the program: choose the verb, parse, call it. Returns the exit status: 0 done, 1 failed, 2 wrong usage, 130
- * stopped by the user. An error is printed as one message on standard error. */
+/* Run the program: choose the verb, parse, call it. Returns the exit status: 0 done, 1 failed, 2
+ * wrong usage, 130 stopped by the user. An error is printed as one message on standard error.
+ * Beside the verbs it knows --help,
+ * --version, `help [VERB]` and, for the build, `help --man [VERB]`. */
 int options_run(const struct program *program, int argc, char **argv);
 
-/* Parse one verb's arguments (argv[0] is ignored). `settings` is zeroed memory of settings_size and gets the defaults
- * first. A wrong option or value fails with a text that names it and says what would be right. `*wants_help` is set
- * by --help. argv is reordered. */
+/* Parse one verb's arguments (argv[0] is ignored). `settings` is zeroed memory of settings_size and
+ * gets the defaults first. A wrong option or value fails with a text that names it and says what
+ * would be right. `*wants_help` is set by --help. argv is reordered. */
 int options_parse(const struct verb *verb, int argc, char **argv, void *settings,
                   struct invocation *invocation, bool *wants_help, struct nacre_error *error);
 

@@ -1,4 +1,5 @@
-/* YAML settings read into C structs by tables that refuse what they do not know, with line and column. */
+/* YAML settings read into C structs by tables that refuse what they do not know, with line and
+ * column. */
 #ifndef BASE_SETTINGS_H
 #define BASE_SETTINGS_H
 
@@ -8,13 +9,13 @@
 #include <stddef.h>
 
 enum settings_kind {
-    SETTINGS_BOOL,    /* bool */
-    SETTINGS_INT,     /* int */
-    SETTINGS_REAL,    /* double */
-    SETTINGS_STRING,  /* char *, heap */
-    SETTINGS_PATH,    /* char *, heap: a relative path is taken from the file's own folder */
-    SETTINGS_CHOICE,  /* int, index into words */
-    SETTINGS_REALS,   /* double[count], a sequence of exactly `count` numbers; one number fills all */
+    SETTINGS_BOOL,   /* bool */
+    SETTINGS_INT,    /* int */
+    SETTINGS_REAL,   /* double */
+    SETTINGS_STRING, /* char *, heap */
+    SETTINGS_PATH,   /* char *, heap: a relative path is taken from the file's own folder */
+    SETTINGS_CHOICE, /* int, index into words */
+    SETTINGS_REALS, /* double[count], a sequence of exactly `count` numbers; one number fills all */
     SETTINGS_STRUCT,  /* a struct inside the struct, by `schema` */
     SETTINGS_LIST,    /* heap array of structs by `schema`; its size_t length at `length_offset` */
     SETTINGS_NUMBERS, /* heap array of double; its size_t length at `length_offset` */
@@ -32,11 +33,12 @@ struct settings_field {
     size_t count;            /* SETTINGS_REALS */
     double minimum, maximum; /* inclusive; both 0: no limits. Lists: of each number */
     bool required;
-    const char *fallback; /* scalars and REALS: the default, in YAML; NULL: zero */
+    const char *fallback;     /* all but STRUCT and LIST: the default, in YAML; NULL: zero */
     const char *const *words; /* SETTINGS_CHOICE: NULL-terminated */
     const struct settings_schema *schema;
     const char *sentence; /* what it means, with its unit */
-    size_t line_offset;   /* of an int that gets the key's line (0: none; so never the first member) */
+    size_t
+        line_offset; /* of an int that gets the key's line (0: none; so never the first member) */
 };
 
 struct settings_schema {
@@ -46,8 +48,9 @@ struct settings_schema {
     size_t line_offset; /* of an int that gets the mapping's line (0: none) */
 };
 
-/* Read `path` into *out (zeroed here first). On failure nothing is held. A message names file, line, column, key and
- * what would be right. */
+/* Read `path` into *out (zeroed here first). On failure nothing is held. A message names file,
+ * line, column, key and what would be right. Structs that are left out get their defaults, and what
+ * they require is not missed. */
 int settings_read(const char *path, const struct settings_schema *schema, void *out,
                   struct nacre_error *error);
 
@@ -55,13 +58,15 @@ int settings_read(const char *path, const struct settings_schema *schema, void *
 int settings_parse(const char *name, const char *folder, const char *text, size_t size,
                    const struct settings_schema *schema, void *out, struct nacre_error *error);
 
-/* Write *in as YAML that settings_read takes back: the whole file or none. Values equal to their default are written
- * too, so that the file says everything. */
+/* Write *in as YAML that settings_read takes back with equal values: the whole file or none. Values
+ * equal to their default are written too, so that the file says everything. Strings that are NULL
+ * are left out. Relative paths, which hold from the working folder, are written as absolute ones.
+ * What settings_read would refuse is refused here. */
 int settings_write(const char *path, const struct settings_schema *schema, const void *in,
                    struct nacre_error *error);
 
-/* Whether two structs that were read say the same. Where they do not, `where` gets the key ("camera.bits", cut to
- * `size`) of the first difference. */
+/* Whether two structs that were read say the same. Where they do not, `where` gets the key
+ * ("camera.bits", cut to `size`) of the first difference. */
 bool settings_same(const struct settings_schema *schema, const void *a, const void *b, char *where,
                    size_t size);
 
