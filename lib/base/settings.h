@@ -13,7 +13,9 @@ enum settings_kind {
     SETTINGS_INT,    /* int */
     SETTINGS_REAL,   /* double */
     SETTINGS_STRING, /* char *, heap */
-    SETTINGS_PATH,   /* char *, heap: a relative path is taken from the file's own folder */
+    /* char *, heap: a relative path is taken from the file's own folder; settings_read makes it
+     * absolute */
+    SETTINGS_PATH,
     SETTINGS_CHOICE, /* int, index into words */
     SETTINGS_REALS, /* double[count], a sequence of exactly `count` numbers; one number fills all */
     SETTINGS_STRUCT,  /* a struct inside the struct, by `schema` */
