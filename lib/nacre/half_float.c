@@ -1,0 +1,17 @@
+/* Rounding to HALF by the routines that OpenEXR itself is built of. */
+#include "half_float.h"
+
+#define IMATH_HALF_NO_LOOKUP_TABLE
+#include <Imath/half.h>
+
+float half_nearest(float value)
+{
+    return imath_half_to_float(imath_float_to_half(value));
+}
+
+void half_round(float *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        values[i] = half_nearest(values[i]);
+    }
+}

@@ -1,0 +1,459 @@
+/* Reading material.exr. */
+#include "material_check.h"
+#include "nacre/exr_file.h"
+
+#include <ctype.h>
+#include <limits.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* An int attribute of the first part. */
+static int get_int(const struct exr_part *part, const char *name, int *value,
+                   struct nacre_error *error)
+{
+    const struct exr_attribute *attribute = exr_part_find(part, name, EXR_INT);
+    if (!attribute) {
+        return nacre_fail(error, "part %s: the attribute %s (int) is missing", part->name, name);
+    }
+    *value = attribute->integer;
+    return NACRE_OK;
+}
+
+static int get_float(const struct exr_part *part, const char *name, double *value,
+                     struct nacre_error *error)
+{
+    const struct exr_attribute *attribute = exr_part_find(part, name, EXR_FLOAT);
+    if (!attribute) {
+        return nacre_fail(error, "part %s: the attribute %s (float) is missing", part->name, name);
+    }
+    *value = (double)attribute->real;
+    return NACRE_OK;
+}
+
+static const char *get_string(const struct exr_part *part, const char *name)
+{
+    const struct exr_attribute *attribute = exr_part_find(part, name, EXR_STRING);
+    return attribute ? attribute->string : "";
+}
+
+static int read_format(const struct exr_part *first, struct nacre_material *material,
+                       struct nacre_error *error)
+{
+    const char *format = get_string(first, "nacre.format");
+    const char *layout = get_string(first, "nacre.kernels");
+    if (format[0] == '\0') {
+        return nacre_fail(error, "not a material: the attribute nacre.format is missing; it should "
+                                 "be \"material 1\"");
+    }
+    if (strcmp(format, "material 1") != 0) {
+        return nacre_fail(error,
+                          "not a material: nacre.format is \"%.64s\", and this program reads "
+                          "\"material 1\"",
+                          format);
+    }
+    if (strcmp(layout, "single") == 0) {
+        material->layout = NACRE_KERNEL_SINGLE;
+    } else if (strcmp(layout, "pair") == 0) {
+        material->layout = NACRE_KERNEL_PAIR;
+    } else if (strcmp(layout, "term") == 0) {
+        material->layout = NACRE_KERNEL_PER_TERM;
+    } else {
+        return nacre_fail(error, "nacre.kernels is \"%.64s\"; it must be single, pair or term",
+                          layout);
+    }
+    return NACRE_OK;
+}
+
+static int read_numbers(const struct exr_part *first, struct nacre_material *material,
+                        struct nacre_error *error)
+{
+    const struct exr_attribute *bits = exr_part_find(first, "nacre.bits", EXR_INT);
+    const char *method = get_string(first, "nacre.method");
+    int status = get_float(first, "nacre.pitch", &material->pitch_mm, error);
+    if (status == NACRE_OK) {
+        status = get_int(first, "nacre.window", &material->window, error);
+    }
+    if (status == NACRE_OK) {
+        status = get_int(first, "nacre.terms", &material->terms, error);
+    }
+    if (status == NACRE_OK && material->layout != NACRE_KERNEL_PER_TERM) {
+        status = get_int(first, "nacre.clusters", &material->clusters, error);
+    }
+    if (status == NACRE_OK) {
+        status = get_int(first, "nacre.iterations", &material->iterations, error);
+    }
+    if (status == NACRE_OK) {
+        status = get_int(first, "nacre.seed", &material->seed, error);
+    }
+    if (status == NACRE_OK) {
+        status = get_float(first, "nacre.epsilon", &material->epsilon, error);
+    }
+    if (status == NACRE_OK) {
+        status = get_float(first, "nacre.error.min", &material->error_min, error);
+    }
+    if (status == NACRE_OK) {
+        status = get_float(first, "nacre.error.mean", &material->error_mean, error);
+    }
+    if (status == NACRE_OK) {
+        status = get_float(first, "nacre.error.max", &material->error_max, error);
+    }
+    if (status != NACRE_OK) {
+        return status;
+    }
+    if (!(material->pitch_mm > 0) || !isfinite(material->pitch_mm)) {
+        return nacre_fail(error, "nacre.pitch is %g mm; it must be positive", material->pitch_mm);
+    }
+    if (strlen(method) >= sizeof material->method) {
+        return nacre_fail(error, "nacre.method is longer than %zu characters",
+                          sizeof material->method - 1);
+    }
+    (void)snprintf(material->method, sizeof material->method, "%s", method);
+    material->bits = bits ? bits->integer : 0;
+    return NACRE_OK;
+}
+
+static float *copy_floats(const struct exr_attribute *attribute)
+{
+    float *copy = calloc(attribute->count, sizeof *copy);
+    if (copy) {
+        memcpy(copy, attribute->floats, attribute->count * sizeof *copy);
+    }
+    return copy;
+}
+
+static int read_history(const struct exr_part *first, struct nacre_material *material,
+                        struct nacre_error *error)
+{
+    const struct exr_attribute *objective =
+        exr_part_find(first, "nacre.history.objective", EXR_FLOATS);
+    const struct exr_attribute *seconds = exr_part_find(first, "nacre.history.seconds", EXR_FLOATS);
+    const struct exr_attribute *warnings = exr_part_find(first, "nacre.warnings", EXR_STRINGS);
+    if ((objective ? objective->count : 0) != (seconds ? seconds->count : 0)) {
+        return nacre_fail(error,
+                          "nacre.history.objective and nacre.history.seconds differ in length");
+    }
+    if (objective && objective->count > 0) {
+        material->history_objective = copy_floats(objective);
+        material->history_seconds = copy_floats(seconds);
+        material->history_count = objective->count;
+        if (!material->history_objective || !material->history_seconds) {
+            return nacre_fail_memory(error, "the history");
+        }
+    }
+    for (size_t i = 0; warnings && i < warnings->count; i++) {
+        int status = nacre_material_warn(material, warnings->strings[i], error);
+        if (status != NACRE_OK) {
+            return status;
+        }
+    }
+    return NACRE_OK;
+}
+
+/* A part that must be there, with its size. */
+static int find_part(const struct exr_file *file, const char *name, int width, int height,
+                     const struct exr_part **part, struct nacre_error *error)
+{
+    *part = exr_file_find_part(file, name);
+    if (!*part) {
+        return nacre_fail(error, "part %s is missing", name);
+    }
+    if ((*part)->width != width || (*part)->height != height) {
+        return nacre_fail(error, "part %s is %d x %d pixels; it must be %d x %d", name,
+                          (*part)->width, (*part)->height, width, height);
+    }
+    return NACRE_OK;
+}
+
+static int find_plane(const struct exr_part *part, const char *name, bool integers,
+                      const struct exr_plane **plane, struct nacre_error *error)
+{
+    *plane = exr_part_find_plane(part, name);
+    if (!*plane) {
+        return nacre_fail(error, "part %s: channel %s is missing", part->name, name);
+    }
+    if (((*plane)->pixel == NACRE_UINT) != integers) {
+        return nacre_fail(error, "part %s: channel %s must be %s", part->name, name,
+                          integers ? "UINT" : "HALF or FLOAT");
+    }
+    return NACRE_OK;
+}
+
+/* Channels that no reader would look at are a sign of a wrong file. */
+static int check_count(const struct exr_part *part, size_t expected, struct nacre_error *error)
+{
+    if (part->plane_count != expected) {
+        return nacre_fail(error, "part %s has %zu channels; it must have %zu", part->name,
+                          part->plane_count, expected);
+    }
+    return NACRE_OK;
+}
+
+/* Colour planes into values[channels][height][width]. */
+static int read_colours(const struct exr_part *part, int channels, float *values,
+                        struct nacre_error *error)
+{
+    size_t size = (size_t)part->width * (size_t)part->height;
+    int status = check_count(part, (size_t)channels, error);
+    for (int c = 0; c < channels && status == NACRE_OK; c++) {
+        const struct exr_plane *plane = NULL;
+        status = find_plane(part, material_channel_name(channels, c), false, &plane, error);
+        if (status == NACRE_OK) {
+            memcpy(values + (size_t)c * size, plane->values, size * sizeof *values);
+        }
+    }
+    return status;
+}
+
+/* Take "t07.G" apart; the number is parsed, so that t7 and t007 mean the same. False for anything
+ * else. */
+static bool parse_factor_name(const char *name, int channels, int *term, int *channel)
+{
+    char *end = NULL;
+    if (name[0] != 't' || !isdigit((unsigned char)name[1])) {
+        return false;
+    }
+    long number = strtol(name + 1, &end, 10);
+    if (end[0] != '.' || number > INT_MAX) {
+        return false;
+    }
+    *term = (int)number;
+    for (*channel = 0; *channel < channels; (*channel)++) {
+        if (strcmp(end + 1, material_channel_name(channels, *channel)) == 0) {
+            return true;
+        }
+    }
+    return false;
+}
+
+/* F or H into values[terms][factor_channels][height][width]. */
+static int read_factor(const struct exr_part *part, const struct nacre_material *material,
+                       float *values, struct nacre_error *error)
+{
+    size_t size = (size_t)part->width * (size_t)part->height;
+    size_t count = (size_t)material->terms * (size_t)material->factor_channels;
+    int status = check_count(part, count, error);
+    if (status != NACRE_OK) {
+        return status;
+    }
+    bool *seen = calloc(count, sizeof *seen);
+    if (!seen) {
+        return nacre_fail_memory(error, part->name);
+    }
+    for (size_t i = 0; i < count && status == NACRE_OK; i++) {
+        const struct exr_plane *plane = &part->planes[i];
+        int term = 0;
+        int channel = 0;
+        if (!parse_factor_name(plane->name, material->factor_channels, &term, &channel) ||
+            term >= material->terms) {
+            status = nacre_fail(error, "part %s: channel %s is none of t0 to t%d with .%s",
+                                part->name, plane->name, material->terms - 1,
+                                material->factor_channels == 1 ? "Y" : "R, .G or .B");
+            break;
+        }
+        size_t index = (size_t)term * (size_t)material->factor_channels + (size_t)channel;
+        if (plane->pixel == NACRE_UINT) {
+            status = nacre_fail(error, "part %s: channel %s must be HALF or FLOAT", part->name,
+                                plane->name);
+        } else if (seen[index]) {
+            status =
+                nacre_fail(error, "part %s: channel %s is there twice", part->name, plane->name);
+        } else {
+            seen[index] = true;
+            memcpy(values + index * size, plane->values, size * sizeof *values);
+        }
+    }
+    free(seen);
+    return status;
+}
+
+static int read_kernels(const struct exr_file *file, struct nacre_material *material,
+                        struct nacre_error *error)
+{
+    const struct exr_part *part = NULL;
+    int count = nacre_material_kernel_count(material);
+    int window = material->window;
+    size_t size = (size_t)window * (size_t)window;
+    if (count > INT_MAX / window) {
+        return nacre_fail(error, "%d kernels of %d x %d pixels cannot be in one part", count,
+                          window, window);
+    }
+    int status = find_part(file, "kernel", window, window * count, &part, error);
+    if (status == NACRE_OK) {
+        status = check_count(part, (size_t)material->channels, error);
+    }
+    for (int c = 0; c < material->channels && status == NACRE_OK; c++) {
+        const struct exr_plane *plane = NULL;
+        status =
+            find_plane(part, material_channel_name(material->channels, c), false, &plane, error);
+        for (int j = 0; j < count && status == NACRE_OK; j++) {
+            memcpy(material->kernels + ((size_t)j * (size_t)material->channels + (size_t)c) * size,
+                   plane->values + (size_t)j * size, size * sizeof(float));
+        }
+    }
+    return status;
+}
+
+static int read_clusters(const struct exr_part *part, struct nacre_material *material,
+                         struct nacre_error *error)
+{
+    size_t size = (size_t)part->width * (size_t)part->height;
+    int status = NACRE_OK;
+    for (int m = 0; m < material->mixed && status == NACRE_OK; m++) {
+        char name[32];
+        const struct exr_plane *plane = NULL;
+        (void)snprintf(name, sizeof name, "id%d", m);
+        status = find_plane(part, name, true, &plane, error);
+        if (status == NACRE_OK) {
+            memcpy(material->ids + (size_t)m * size, plane->integers, size * sizeof(uint32_t));
+            (void)snprintf(name, sizeof name, "w%d", m);
+            status = find_plane(part, name, false, &plane, error);
+        }
+        if (status == NACRE_OK) {
+            memcpy(material->weights + (size_t)m * size, plane->values, size * sizeof(float));
+        }
+    }
+    return status;
+}
+
+/* Sizes that are told by the parts themselves, so that memory is only asked for what the file
+ * holds. */
+static int read_sizes(const struct exr_file *file, struct nacre_material *material,
+                      const struct exr_part **clusters, struct nacre_error *error)
+{
+    const struct exr_part *first = &file->parts[0];
+    const struct exr_part *factor = NULL;
+    material->width = first->width;
+    material->height = first->height;
+    material->channels = first->plane_count == 1 ? 1 : 3;
+    int status = find_part(file, "F", material->width, material->height, &factor, error);
+    if (status != NACRE_OK) {
+        return status;
+    }
+    const char *name = factor->plane_count ? factor->planes[0].name : "";
+    size_t length = strlen(name);
+    bool shared = length > 2 && strcmp(name + length - 2, ".Y") == 0;
+    material->factor_channels = shared ? 1 : material->channels;
+    material->pixel = NACRE_HALF;
+    for (size_t i = 0; i < factor->plane_count; i++) {
+        if (factor->planes[i].pixel == NACRE_FLOAT) {
+            material->pixel = NACRE_FLOAT;
+        }
+    }
+    *clusters = exr_file_find_part(file, "cluster");
+    if (material->layout == NACRE_KERNEL_PER_TERM && *clusters) {
+        return nacre_fail(error, "part cluster: a material with a kernel per term has none");
+    }
+    if (material->layout != NACRE_KERNEL_PER_TERM) {
+        status = find_part(file, "cluster", material->width, material->height, clusters, error);
+        if (status == NACRE_OK && ((*clusters)->plane_count == 0 || (*clusters)->plane_count % 2)) {
+            status = nacre_fail(error,
+                                "part cluster has %zu channels; it must have id0, w0 and so "
+                                "on in pairs",
+                                (*clusters)->plane_count);
+        }
+        material->mixed = status == NACRE_OK ? (int)((*clusters)->plane_count / 2) : 0;
+    }
+    return status == NACRE_OK ? material_check_sizes(material, error) : status;
+}
+
+/* The sizes that attributes tell must be those of the parts before memory is taken for them. */
+static int check_parts(const struct exr_file *file, const struct nacre_material *material,
+                       struct nacre_error *error)
+{
+    const struct exr_part *part = exr_file_find_part(file, "F");
+    size_t planes = (size_t)material->terms * (size_t)material->factor_channels;
+    int64_t rows = (int64_t)nacre_material_kernel_count(material) * material->window;
+    int status = check_count(part, planes, error);
+    if (status != NACRE_OK) {
+        return status;
+    }
+    part = exr_file_find_part(file, "kernel");
+    if (!part) {
+        return nacre_fail(error, "part kernel is missing");
+    }
+    if (part->width != material->window || part->height != rows) {
+        return nacre_fail(error, "part kernel is %d x %d pixels; it must be %d x %lld", part->width,
+                          part->height, material->window, (long long)rows);
+    }
+    return NACRE_OK;
+}
+
+static int read_planes(const struct exr_file *file, struct nacre_material *material,
+                       const struct exr_part *clusters, struct nacre_error *error)
+{
+    const struct exr_part *part = NULL;
+    int width = material->width;
+    int height = material->height;
+    int status = read_colours(&file->parts[0], material->channels, material->albedo, error);
+    if (status == NACRE_OK) {
+        status = read_factor(exr_file_find_part(file, "F"), material, material->f, error);
+    }
+    if (status == NACRE_OK && material->h) {
+        status = find_part(file, "H", width, height, &part, error);
+        if (status == NACRE_OK) {
+            status = read_factor(part, material, material->h, error);
+        }
+    }
+    if (status == NACRE_OK) {
+        status = read_kernels(file, material, error);
+    }
+    if (status == NACRE_OK && clusters) {
+        status = read_clusters(clusters, material, error);
+    }
+    if (status == NACRE_OK && material->centre) {
+        status = find_part(file, "centre", width, height, &part, error);
+        if (status == NACRE_OK) {
+            status = read_colours(part, material->channels, material->centre, error);
+        }
+    }
+    return status == NACRE_OK ? material_check_values(material, error) : status;
+}
+
+static int read_material(const struct exr_file *file, struct nacre_material *material,
+                         struct nacre_error *error)
+{
+    const struct exr_part *first = &file->parts[0];
+    const struct exr_part *clusters = NULL;
+    int status = read_format(first, material, error);
+    if (status == NACRE_OK && strcmp(first->name, "albedo") != 0) {
+        status = nacre_fail(error, "the first part is \"%s\"; it must be albedo", first->name);
+    }
+    if (status == NACRE_OK) {
+        status = read_numbers(first, material, error);
+    }
+    if (status == NACRE_OK) {
+        status = read_sizes(file, material, &clusters, error);
+    }
+    if (status == NACRE_OK) {
+        status = check_parts(file, material, error);
+    }
+    if (status == NACRE_OK) {
+        status = nacre_material_allocate(material, exr_file_find_part(file, "H") != NULL,
+                                         exr_file_find_part(file, "centre") != NULL, error);
+    }
+    if (status == NACRE_OK) {
+        status = read_history(first, material, error);
+    }
+    return status == NACRE_OK ? read_planes(file, material, clusters, error) : status;
+}
+
+int nacre_material_read(const char *path, struct nacre_material *material,
+                        struct nacre_error *error)
+{
+    struct exr_file file = {0};
+    *material = (struct nacre_material){0};
+    int status = exr_file_read(path, &file, error);
+    if (status == NACRE_OK) {
+        status = read_material(&file, material, error);
+        if (status != NACRE_OK) {
+            status = nacre_fail_within(error, "%s", path);
+        }
+    }
+    exr_file_finish(&file);
+    if (status != NACRE_OK) {
+        nacre_material_finish(material);
+    }
+    return status;
+}

@@ -1,0 +1,177 @@
+/* Writing material.exr. */
+#include "material_check.h"
+#include "nacre/exr_file.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+/* Add one plane with a copy of the values. */
+static int add_plane(struct exr_part *part, const char *name, enum nacre_pixel pixel,
+                     const void *values)
+{
+    struct exr_plane *plane = part ? exr_part_add_plane(part, name, pixel) : NULL;
+    if (!plane) {
+        return NACRE_FAILED;
+    }
+    memcpy(plane->values, values, (size_t)part->width * (size_t)part->height * sizeof(float));
+    return NACRE_OK;
+}
+
+/* A part of `channels` colour planes [channels][height][width]. */
+static int add_colours(struct exr_file *file, const char *name,
+                       const struct nacre_material *material, enum nacre_pixel pixel,
+                       const float *values)
+{
+    struct exr_part *part = exr_file_add_part(file, name, material->width, material->height);
+    size_t size = (size_t)material->width * (size_t)material->height;
+    int status = part ? NACRE_OK : NACRE_FAILED;
+    for (int c = 0; c < material->channels && status == NACRE_OK; c++) {
+        status = add_plane(part, material_channel_name(material->channels, c), pixel,
+                           values + (size_t)c * size);
+    }
+    return status;
+}
+
+static int add_factor(struct exr_file *file, const char *name,
+                      const struct nacre_material *material, const float *values)
+{
+    struct exr_part *part = exr_file_add_part(file, name, material->width, material->height);
+    size_t size = (size_t)material->width * (size_t)material->height;
+    int status = part ? NACRE_OK : NACRE_FAILED;
+    for (int t = 0; t < material->terms; t++) {
+        for (int c = 0; c < material->factor_channels && status == NACRE_OK; c++) {
+            char channel[32];
+            (void)snprintf(channel, sizeof channel, "t%02d.%s", t,
+                           material_channel_name(material->factor_channels, c));
+            status = add_plane(part, channel, material->pixel, values);
+            values += size;
+        }
+    }
+    return status;
+}
+
+/* Kernels stand below each other in one plane a channel. */
+static int add_kernels(struct exr_file *file, const struct nacre_material *material)
+{
+    int count = nacre_material_kernel_count(material);
+    int window = material->window;
+    size_t size = (size_t)window * (size_t)window;
+    struct exr_part *part = exr_file_add_part(file, "kernel", window, window * count);
+    for (int c = 0; c < material->channels; c++) {
+        struct exr_plane *plane =
+            part ? exr_part_add_plane(part, material_channel_name(material->channels, c),
+                                      NACRE_FLOAT)
+                 : NULL;
+        if (!plane) {
+            return NACRE_FAILED;
+        }
+        for (int j = 0; j < count; j++) {
+            memcpy(plane->values + (size_t)j * size,
+                   material->kernels + ((size_t)j * (size_t)material->channels + (size_t)c) * size,
+                   size * sizeof(float));
+        }
+    }
+    return part ? NACRE_OK : NACRE_FAILED;
+}
+
+static int add_clusters(struct exr_file *file, const struct nacre_material *material)
+{
+    struct exr_part *part = exr_file_add_part(file, "cluster", material->width, material->height);
+    size_t size = (size_t)material->width * (size_t)material->height;
+    int status = part ? NACRE_OK : NACRE_FAILED;
+    for (int m = 0; m < material->mixed && status == NACRE_OK; m++) {
+        char name[32];
+        (void)snprintf(name, sizeof name, "id%d", m);
+        status = add_plane(part, name, NACRE_UINT, material->ids + (size_t)m * size);
+        (void)snprintf(name, sizeof name, "w%d", m);
+        if (status == NACRE_OK) {
+            status = add_plane(part, name, NACRE_FLOAT, material->weights + (size_t)m * size);
+        }
+    }
+    return status;
+}
+
+static int add_attributes(struct exr_part *part, const struct nacre_material *material)
+{
+    static const char *const layouts[] = {"single", "pair", "term"};
+    int status = exr_part_add_string(part, "nacre.format", "material 1");
+    status |= exr_part_add_float(part, "nacre.pitch", (float)material->pitch_mm);
+    status |= exr_part_add_int(part, "nacre.window", material->window);
+    status |= exr_part_add_int(part, "nacre.terms", material->terms);
+    if (material->layout != NACRE_KERNEL_PER_TERM) {
+        status |= exr_part_add_int(part, "nacre.clusters", material->clusters);
+    }
+    status |= exr_part_add_int(part, "nacre.iterations", material->iterations);
+    status |= exr_part_add_int(part, "nacre.seed", material->seed);
+    status |= exr_part_add_string(part, "nacre.kernels", layouts[material->layout]);
+    status |= exr_part_add_string(part, "nacre.method", material->method);
+    status |= exr_part_add_float(part, "nacre.epsilon", (float)material->epsilon);
+    status |= exr_part_add_float(part, "nacre.error.min", (float)material->error_min);
+    status |= exr_part_add_float(part, "nacre.error.mean", (float)material->error_mean);
+    status |= exr_part_add_float(part, "nacre.error.max", (float)material->error_max);
+    if (material->bits > 0) {
+        status |= exr_part_add_int(part, "nacre.bits", material->bits);
+    }
+    if (material->history_count > 0) {
+        status |= exr_part_add_floats(part, "nacre.history.objective", material->history_objective,
+                                      material->history_count);
+        status |= exr_part_add_floats(part, "nacre.history.seconds", material->history_seconds,
+                                      material->history_count);
+    }
+    if (material->warning_count > 0) {
+        status |=
+            exr_part_add_strings(part, "nacre.warnings", (const char *const *)material->warnings,
+                                 material->warning_count);
+    }
+    return status == NACRE_OK ? NACRE_OK : NACRE_FAILED;
+}
+
+static int check(const char *path, const struct nacre_material *material, struct nacre_error *error)
+{
+    if (material_check_sizes(material, error) != NACRE_OK ||
+        material_check_values(material, error) != NACRE_OK) {
+        return nacre_fail_within(error, "%s: cannot write", path);
+    }
+    if (!(material->pitch_mm > 0) || !isfinite(material->pitch_mm)) {
+        return nacre_fail(error, "%s: cannot write: the pitch is %g mm; it must be positive", path,
+                          material->pitch_mm);
+    }
+    return NACRE_OK;
+}
+
+int nacre_material_write(const char *path, const struct nacre_material *material,
+                         struct nacre_error *error)
+{
+    struct exr_file file = {0};
+    int status = check(path, material, error);
+    if (status != NACRE_OK) {
+        return status;
+    }
+    status = add_colours(&file, "albedo", material, NACRE_FLOAT, material->albedo);
+    if (status == NACRE_OK) {
+        status = add_attributes(&file.parts[0], material);
+    }
+    if (status == NACRE_OK) {
+        status = add_factor(&file, "F", material, material->f);
+    }
+    if (status == NACRE_OK && material->h) {
+        status = add_factor(&file, "H", material, material->h);
+    }
+    if (status == NACRE_OK) {
+        status = add_kernels(&file, material);
+    }
+    if (status == NACRE_OK && material->mixed > 0) {
+        status = add_clusters(&file, material);
+    }
+    if (status == NACRE_OK && material->centre) {
+        status = add_colours(&file, "centre", material, material->pixel, material->centre);
+    }
+    if (status != NACRE_OK) {
+        status = nacre_fail_memory(error, path);
+    } else {
+        status = exr_file_write(path, &file, EXR_ZIP, error);
+    }
+    exr_file_finish(&file);
+    return status;
+}
