@@ -1,5 +1,5 @@
-/* The sequencer: shows every pattern of a session's plan, exposes it and writes its frames. It knows devices only
- * through their seams. */
+/* The sequencer: shows every pattern of a session's plan, exposes it and writes its frames. It
+ * knows devices only through their seams. */
 #ifndef RIG_SEQUENCE_H
 #define RIG_SEQUENCE_H
 
@@ -22,8 +22,8 @@ struct devices {
 /* What only a person (or the virtual station) can do, and what it wants to know. */
 struct sequence_operator {
     void *context;
-    /* Lay the white diffuse layer on the sample or take it off, and return when it is done. Called before the first
-     * pattern and whenever the layer must change. */
+    /* Lay the white diffuse layer on the sample or take it off, and return when it is done. Called
+     * before the first pattern and whenever the layer must change. */
     int (*white_layer)(void *context, bool on, struct nacre_error *error);
     /* `pattern` is shown and exposed next. May be NULL. */
     void (*pattern_begins)(void *context, struct pattern pattern);
@@ -31,7 +31,8 @@ struct sequence_operator {
 
 struct sequence_options {
     int retries;          /* of one exposure, after the first try */
-    int64_t tolerance_ns; /* a frame that begins later than this after its trigger is not its trigger's */
+    int64_t tolerance_ns; /* a frame that begins later than this after its trigger is not its
+                             trigger's */
 };
 
 /* What a whole plan needs. */
@@ -43,21 +44,22 @@ struct sequence_needs {
 
 /* What was done; counts what a stopped scan had finished too. */
 struct sequence_result {
-    size_t patterns, skipped;    /* measured now; measured before */
-    size_t exposures, retries;   /* kept; taken again */
-    int64_t station_ns;          /* on the station's clock */
-    uint64_t bytes;              /* of the pattern files written */
+    size_t patterns, skipped;  /* measured now; measured before */
+    size_t exposures, retries; /* kept; taken again */
+    int64_t station_ns;        /* on the station's clock */
+    uint64_t bytes;            /* of the pattern files written */
 };
 
-/* What measuring `plan` on `station` needs; of patterns that `session` has already if it is not NULL, nothing. */
+/* What measuring `plan` on `station` needs; of patterns that `session` has already if it is not
+ * NULL, nothing. */
 int sequence_estimate(const struct station *station, const struct plan *plan,
                       const struct session *session, struct sequence_needs *needs,
                       struct nacre_error *error);
 
-/* Measure every pattern that the session lacks. A lost, damaged or unmatched frame is taken again, so often as the
- * options allow. Stops cleanly, with whole files only, when a device or the disk fails or the user asks
- * (NACRE_CANCELLED); what was written is resumed later. Refuses to begin where the devices are not what the session's
- * station file says or the disk is too small. */
+/* Measure every pattern that the session lacks. A lost, damaged or unmatched frame is taken again,
+ * so often as the options allow. Stops cleanly, with whole files only, when a device or the disk
+ * fails or the user asks (NACRE_CANCELLED); what was written is resumed later. Refuses to begin
+ * where the devices are not what the session's station file says or the disk is too small. */
 int sequence_run(const struct devices *devices, const struct session *session,
                  const struct sequence_operator *person, const struct sequence_options *options,
                  struct progress *progress, struct sequence_result *result,

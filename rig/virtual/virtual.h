@@ -5,6 +5,7 @@
 #include "base/clock.h"
 #include "base/opencl.h"
 #include "rig/camera.h"
+#include "rig/plan.h"
 #include "rig/projector.h"
 #include "rig/station.h"
 #include "rig/trigger.h"
@@ -12,7 +13,7 @@
 struct virtual_station;
 
 /* Build the station that station->simulated describes. Its time is simulated: it passes only in exposures and waits.
- * Keeps what it needs of `station`; `opencl` must outlive it. */
+ * Keeps what it needs of `station`; `opencl` must outlive it, and may be NULL where no sample file is named. */
 int virtual_station_new(const struct station *station, const struct opencl *opencl,
                         struct virtual_station **simulated, struct nacre_error *error);
 
@@ -24,6 +25,10 @@ struct clock *virtual_station_clock(struct virtual_station *simulated);
 
 /* Lay the white diffuse layer on the sample or take it off (what the operator does at a real station). */
 void virtual_station_set_white_layer(struct virtual_station *simulated, int on);
+
+/* Say which pattern comes next: the noise of its frames depends on it and not on what was shown before, so that a
+ * resumed scan equals an undisturbed one. */
+void virtual_station_begin_pattern(struct virtual_station *simulated, struct pattern pattern);
 
 void virtual_station_free(struct virtual_station *simulated); /* NULL is allowed */
 

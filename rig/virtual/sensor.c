@@ -1,0 +1,137 @@
+/* Noise and quantisation of the virtual camera's sensor. */
+#include "rig/virtual/sensor.h"
+
+#include <math.h>
+#include <stdbool.h>
+
+/* Above this mean a Poisson variate is taken as normal: its skewness is 0.14 there and falls. */
+static const double POISSON_MEAN = 50;
+
+/* Pixels that a thread takes at a time. */
+enum { BLOCK = 8192 };
+
+/* SplitMix64 (Steele, Lea and Flood 2014). */
+uint64_t sensor_key(uint64_t key, uint64_t value)
+{
+    uint64_t z = key + 0x9e3779b97f4a7c15u * (value + 1);
+    z = (z ^ z >> 30) * 0xbf58476d1ce4e5b9u;
+    z = (z ^ z >> 27) * 0x94d049bb133111ebu;
+    return z ^ z >> 31;
+}
+
+/* Wichura, Algorithm AS 241 (1988), PPND7: about 7 digits. */
+double sensor_normal(double p)
+{
+    double q = p - 0.5;
+    if (fabs(q) <= 0.425) {
+        double r = 0.180625 - q * q;
+        return q *
+               (((59.109374720 * r + 159.29113202) * r + 50.434271938) * r + 3.3871327179) /
+               (((67.187563600 * r + 78.757757664) * r + 17.895169469) * r + 1);
+    }
+    double r = sqrt(-log(q < 0 ? p : 1 - p));
+    double value;
+    if (r <= 5) {
+        r -= 1.6;
+        value = (((0.17023821103 * r + 1.3067284816) * r + 2.7568153900) * r + 1.4234372777) /
+                ((0.12021132975 * r + 0.73700164250) * r + 1);
+    } else {
+        r -= 5;
+        value = (((0.017337203997 * r + 0.42868294337) * r + 3.0812263860) * r + 6.6579051150) /
+                ((0.012258202635 * r + 0.24197894225) * r + 1);
+    }
+    return q < 0 ? -value : value;
+}
+
+double sensor_poisson(double mean, double p)
+{
+    double term = exp(-mean);
+    double sum = term;
+    double count = 0;
+    /* The terms die out, so that rounding of the sum cannot hold the loop. */
+    while (p > sum && (term > 0x1p-60 || count < mean)) {
+        count += 1;
+        term *= mean / count;
+        sum += term;
+    }
+    return count;
+}
+
+static inline double probability(uint32_t bits)
+{
+    return (bits + 0.5) * 0x1p-32;
+}
+
+static inline uint16_t quantise(double value, double top)
+{
+    value = value < 0 ? 0 : value > top ? top : value;
+    return (uint16_t)(value + 0.5);
+}
+
+struct exposure {
+    const struct station_camera *camera;
+    const float *signal;
+    double seconds;
+    uint64_t key;
+    uint16_t *raw;
+};
+
+/* The loop over pixels; `shot` and `read` are constants where it is used, so each copy tests nothing that the sensor
+ * does not have. */
+static inline __attribute__((always_inline)) void expose(const struct exposure *exposure,
+                                                         size_t first, size_t end, bool shot,
+                                                         bool read)
+{
+    double top = (1 << exposure->camera->bits) - 1;
+    double electrons = exposure->camera->electrons;
+    double read_noise = exposure->camera->read_noise;
+    for (size_t i = first; i < end; i++) {
+        double value = exposure->signal[i] * exposure->seconds;
+        if (shot || read) {
+            uint64_t bits = sensor_key(exposure->key, i);
+            double p = probability((uint32_t)(bits >> 32));
+            if (shot && value * electrons <= POISSON_MEAN) {
+                value = sensor_poisson(value * electrons, probability((uint32_t)bits)) / electrons;
+                value += read ? read_noise * sensor_normal(p) : 0;
+            } else {
+                double variance = (shot ? value / electrons : 0) + (read ? read_noise * read_noise : 0);
+                value += sqrt(variance) * sensor_normal(p);
+            }
+        }
+        exposure->raw[i] = quantise(value + exposure->camera->pedestal, top);
+    }
+}
+
+static void expose_exactly(const struct exposure *exposure, size_t first, size_t end)
+{
+    expose(exposure, first, end, false, false);
+}
+
+static void expose_with_read_noise(const struct exposure *exposure, size_t first, size_t end)
+{
+    expose(exposure, first, end, false, true);
+}
+
+static void expose_with_shot_noise(const struct exposure *exposure, size_t first, size_t end)
+{
+    expose(exposure, first, end, true, false);
+}
+
+static void expose_with_both(const struct exposure *exposure, size_t first, size_t end)
+{
+    expose(exposure, first, end, true, true);
+}
+
+void sensor_expose(const struct station_camera *camera, const float *signal, double seconds,
+                   uint64_t key, size_t count, uint16_t *raw)
+{
+    static void (*const loops[2][2])(const struct exposure *, size_t, size_t) = {
+        {expose_exactly, expose_with_read_noise}, {expose_with_shot_noise, expose_with_both}};
+    void (*loop)(const struct exposure *, size_t, size_t) =
+        loops[camera->electrons > 0][camera->read_noise > 0];
+    struct exposure exposure = {camera, signal, seconds, key, raw};
+#pragma omp parallel for schedule(dynamic)
+    for (size_t first = 0; first < count; first += BLOCK) {
+        loop(&exposure, first, first + BLOCK < count ? first + BLOCK : count);
+    }
+}

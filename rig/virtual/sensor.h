@@ -1,0 +1,24 @@
+/* The sensor of the virtual camera: photo-electrons, noise, pedestal, quantisation, saturation. */
+#ifndef RIG_VIRTUAL_SENSOR_H
+#define RIG_VIRTUAL_SENSOR_H
+
+#include "rig/station.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+/* Expose `count` pixels for `seconds`: raw values from signal in raw units a second above the pedestal. The noise of a
+ * pixel depends on `key` and its place alone, so frames are the same for any order and number of threads. */
+void sensor_expose(const struct station_camera *camera, const float *signal, double seconds,
+                   uint64_t key, size_t count, uint16_t *raw);
+
+/* One step of a hash that spreads keys: SplitMix64's finaliser over both. */
+uint64_t sensor_key(uint64_t key, uint64_t value);
+
+/* The value that a standard normal variate stays below with probability p in (0, 1). */
+double sensor_normal(double p);
+
+/* The Poisson variate of `mean` (0 to 50) at probability p in (0, 1), by inversion. */
+double sensor_poisson(double mean, double p);
+
+#endif
