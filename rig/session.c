@@ -107,9 +107,8 @@ static int lock(struct session *session, struct nacre_error *error)
     return NACRE_OK;
 }
 
-/* Read the settings that the session is to be measured with, from outside. */
-static int read_settings(struct session *session, const char *station_path, const char *plan_path,
-                         struct nacre_error *error)
+int session_read_settings(const char *station_path, const char *plan_path, struct session *session,
+                          struct nacre_error *error)
 {
     int status = station_read(station_path, &session->station, error);
     if (status != NACRE_OK) {
@@ -261,7 +260,7 @@ int session_create(const char *path, const char *station_path, const char *plan_
         goto out;
     }
     if (station_path) {
-        status = read_settings(session, station_path, plan_path, error);
+        status = session_read_settings(station_path, plan_path, session, error);
         if (status != NACRE_OK) {
             goto out;
         }

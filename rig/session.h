@@ -43,6 +43,10 @@ struct pattern_frames {
     struct exposure *exposures;
 };
 
+/* Read the settings that a session would be measured with into session->station and session->plan. */
+int session_read_settings(const char *station_path, const char *plan_path, struct session *session,
+                          struct nacre_error *error);
+
 /* Make a session folder from its settings files (copied in, with every default spelled out) and
  * lock it: a second program is refused. plan_path NULL: the plan that the station file names. With
  * `resume` an existing folder is continued if its settings are the same as these once read, and

@@ -82,13 +82,14 @@ static void add_place(struct footprint *footprint, uint32_t point)
     footprint->count++;
 }
 
-static void find_footprint(const struct station_sample *sample, double inverse[3][3], int px, int py,
-                           struct footprint *footprint)
+static void find_footprint(const struct station_sample *sample, double inverse[3][3], int px,
+                           int py, struct footprint *footprint)
 {
     footprint->count = 0;
     for (int i = 0; i < SAMPLES * SAMPLES; i++) {
         double u = px + ((i % SAMPLES) + 0.5) / SAMPLES;
-        double v = py + ((i / SAMPLES) + 0.5) / SAMPLES; // NOLINT(bugprone-integer-division): the row
+        double v =
+            py + ((i / SAMPLES) + 0.5) / SAMPLES; // NOLINT(bugprone-integer-division): the row
         double w = inverse[2][0] * u + inverse[2][1] * v + inverse[2][2];
         double x = (inverse[0][0] * u + inverse[0][1] * v + inverse[0][2]) / w;
         double y = (inverse[1][0] * u + inverse[1][1] * v + inverse[1][2]) / w;

@@ -25,8 +25,7 @@ double sensor_normal(double p)
     double q = p - 0.5;
     if (fabs(q) <= 0.425) {
         double r = 0.180625 - q * q;
-        return q *
-               (((59.109374720 * r + 159.29113202) * r + 50.434271938) * r + 3.3871327179) /
+        return q * (((59.109374720 * r + 159.29113202) * r + 50.434271938) * r + 3.3871327179) /
                (((67.187563600 * r + 78.757757664) * r + 17.895169469) * r + 1);
     }
     double r = sqrt(-log(q < 0 ? p : 1 - p));
@@ -78,9 +77,8 @@ struct exposure {
 
 /* The loop over pixels; `shot` and `read` are constants where it is used, so each copy tests nothing that the sensor
  * does not have. */
-static inline __attribute__((always_inline)) void expose(const struct exposure *exposure,
-                                                         size_t first, size_t end, bool shot,
-                                                         bool read)
+static inline __attribute__((always_inline)) void
+expose(const struct exposure *exposure, size_t first, size_t end, bool shot, bool read)
 {
     double top = (1 << exposure->camera->bits) - 1;
     double electrons = exposure->camera->electrons;
@@ -94,7 +92,8 @@ static inline __attribute__((always_inline)) void expose(const struct exposure *
                 value = sensor_poisson(value * electrons, probability((uint32_t)bits)) / electrons;
                 value += read ? read_noise * sensor_normal(p) : 0;
             } else {
-                double variance = (shot ? value / electrons : 0) + (read ? read_noise * read_noise : 0);
+                double variance =
+                    (shot ? value / electrons : 0) + (read ? read_noise * read_noise : 0);
                 value += sqrt(variance) * sensor_normal(p);
             }
         }

@@ -122,7 +122,8 @@ static int light(struct virtual_station *station, struct nacre_error *error)
     if (station->white_layer || !station->transport) {
         reflect(station);
     } else {
-        status = transport_apply(station->transport, station->irradiance, station->radiosity, error);
+        status =
+            transport_apply(station->transport, station->irradiance, station->radiosity, error);
     }
     if (status == NACRE_OK) {
         optics_apply(&station->optics, station->radiosity, station->signal);
@@ -154,9 +155,8 @@ static int camera_take(struct camera *camera, int64_t timeout_ns, struct camera_
     clock_advance(&station->clock.base, ready_ns);
     station->armed = false;
     station->triggered = false;
-    *frame = (struct camera_frame){.raw = station->raw,
-                                   .frame_ns = station->trigger_ns,
-                                   .sequence = station->sequence++};
+    *frame = (struct camera_frame){
+        .raw = station->raw, .frame_ns = station->trigger_ns, .sequence = station->sequence++};
     return NACRE_OK;
 }
 
@@ -210,12 +210,12 @@ static int put_sample(const struct station *settings, const struct opencl *openc
     }
     if (sample.width != settings->sample.width || sample.height != settings->sample.height ||
         fabs(sample.pitch_mm - settings->sample.pitch_mm) > 1e-9 * sample.pitch_mm) {
-        status = nacre_fail(error,
-                            "%s: has %d x %d surface points of %g mm where the station file has %d x "
-                            "%d of %g mm; make them the same",
-                            path, sample.width, sample.height, sample.pitch_mm,
-                            settings->sample.width, settings->sample.height,
-                            settings->sample.pitch_mm);
+        status =
+            nacre_fail(error,
+                       "%s: has %d x %d surface points of %g mm where the station file has %d x "
+                       "%d of %g mm; make them the same",
+                       path, sample.width, sample.height, sample.pitch_mm, settings->sample.width,
+                       settings->sample.height, settings->sample.pitch_mm);
         goto out;
     }
     status = transport_new(&sample, opencl, transport, error);
@@ -298,8 +298,7 @@ void virtual_station_set_white_layer(struct virtual_station *simulated, int on)
 void virtual_station_begin_pattern(struct virtual_station *simulated, struct pattern pattern)
 {
     uint64_t seed = (uint64_t)simulated->settings.simulated.seed;
-    simulated->key =
-        sensor_key(sensor_key(seed, (uint64_t)pattern.kind), (uint64_t)pattern.number);
+    simulated->key = sensor_key(sensor_key(seed, (uint64_t)pattern.kind), (uint64_t)pattern.number);
 }
 
 void virtual_station_free(struct virtual_station *simulated)

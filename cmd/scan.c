@@ -1,0 +1,271 @@
+/* nacre scan: a whole acquisition in this process. */
+#include "base/opencl.h"
+#include "cmd/verbs.h"
+#include "rig/sequence.h"
+#include "rig/virtual/virtual.h"
+
+#include <errno.h>
+#include <jansson.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+
+struct scan_settings {
+    const char *station, *plan;
+    bool resume, dry_run;
+    int retries;
+};
+
+static const struct option_spec scan_options[] = {
+    {.name = "station",
+     .letter = 's',
+     .kind = OPTION_STRING,
+     .argument = "FILE",
+     .offset = offsetof(struct scan_settings, station),
+     .sentence = "the station file; may be left out when resuming"},
+    {.name = "plan",
+     .letter = 'p',
+     .kind = OPTION_STRING,
+     .argument = "FILE",
+     .offset = offsetof(struct scan_settings, plan),
+     .sentence = "the plan file, instead of the one that the station file names"},
+    {.name = "resume",
+     .letter = 'r',
+     .kind = OPTION_FLAG,
+     .offset = offsetof(struct scan_settings, resume),
+     .sentence = "go on with a session that was interrupted: measure what it lacks"},
+    {.name = "dry-run",
+     .letter = 'n',
+     .kind = OPTION_FLAG,
+     .offset = offsetof(struct scan_settings, dry_run),
+     .sentence = "only say what would be measured, how long it takes and what disk it needs"},
+    {.name = "retries",
+     .kind = OPTION_INT,
+     .argument = "N",
+     .minimum = 0,
+     .maximum = 1000,
+     .fallback = "3",
+     .offset = offsetof(struct scan_settings, retries),
+     .sentence = "how often a lost or doubtful frame is taken again"},
+    {0}};
+
+/* Frames of the virtual camera carry the trigger's own time; a real camera's begin within microseconds. */
+static const int64_t TOLERANCE_NS = 2000000;
+
+static void print_duration(const char *label, double seconds)
+{
+    if (seconds < 60) {
+        printf("%-13s %.1f s\n", label, seconds);
+    } else {
+        int minutes = (int)(seconds / 60);
+        printf("%-13s %d h %02d min %02d s\n", label, minutes / 60, minutes % 60,
+               (int)(seconds - 60.0 * minutes));
+    }
+}
+
+static int print_json(json_t *object, struct nacre_error *error)
+{
+    int status = object && json_dumpf(object, stdout, JSON_INDENT(2)) == 0 && puts("") >= 0
+                     ? NACRE_OK
+                     : nacre_fail(error, "standard output: cannot write the result");
+    json_decref(object);
+    return status;
+}
+
+static void print_plan(const struct session *session, const struct sequence_needs *needs)
+{
+    const struct plan *plan = &session->plan;
+    printf("%-13s %d white, %d dots, %d black, %d grids\n", "plan",
+           plan_pattern_count(plan, PATTERN_WHITE), plan_pattern_count(plan, PATTERN_DOTS),
+           plan_pattern_count(plan, PATTERN_BLACK), plan_pattern_count(plan, PATTERN_GRID));
+    printf("%-13s", "exposures");
+    for (size_t i = 0; i < plan->exposure_count; i++) {
+        printf(" %g ms", (double)(session_exposure_ns(session, i) / 1000) * 1e-3);
+    }
+    printf("\n%-13s %zu patterns, %zu frames\n", "to measure", needs->patterns, needs->exposures);
+    print_duration("station time", needs->seconds);
+    printf("%-13s at most %.1f MiB\n", "disk", (double)needs->bytes / 1048576);
+}
+
+static json_t *plan_as_json(const struct session *session, const struct sequence_needs *needs)
+{
+    json_t *exposures = json_array();
+    for (size_t i = 0; i < session->plan.exposure_count; i++) {
+        (void)json_array_append_new(exposures, json_integer(session_exposure_ns(session, i)));
+    }
+    return json_pack("{s:i, s:i, s:i, s:i, s:o, s:I, s:I, s:f, s:I}", "white",
+                     plan_pattern_count(&session->plan, PATTERN_WHITE), "dots",
+                     plan_pattern_count(&session->plan, PATTERN_DOTS), "black",
+                     plan_pattern_count(&session->plan, PATTERN_BLACK), "grids",
+                     plan_pattern_count(&session->plan, PATTERN_GRID), "exposures_ns", exposures,
+                     "patterns_to_measure", (json_int_t)needs->patterns, "frames_to_take",
+                     (json_int_t)needs->exposures, "station_seconds", needs->seconds,
+                     "bytes_at_most", (json_int_t)needs->bytes);
+}
+
+/* The settings a scan would use, without making anything. */
+static int read_settings(const char *path, const struct scan_settings *settings,
+                         struct session *session, struct nacre_error *error)
+{
+    struct stat found;
+    *session = (struct session){0};
+    if (!settings->resume && stat(path, &found) == 0) {
+        return nacre_fail(error, "%s: exists already; resume it (--resume) or choose another name",
+                          path);
+    }
+    if (settings->resume && !settings->station) {
+        return session_open(path, session, error);
+    }
+    if (!settings->station) {
+        return nacre_fail(error, "%s: a new session needs a station file (--station)", path);
+    }
+    session->path = strdup(path);
+    if (!session->path) {
+        return nacre_fail_memory(error, "a path");
+    }
+    return session_read_settings(settings->station, settings->plan, session, error);
+}
+
+static int dry_run(const char *path, const struct scan_settings *settings, bool json,
+                   struct nacre_error *error)
+{
+    struct session session = {0};
+    struct sequence_needs needs;
+    int status = read_settings(path, settings, &session, error);
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    status = sequence_estimate(&session.station, &session.plan, settings->resume ? &session : NULL,
+                               &needs, error);
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    if (json) {
+        status = print_json(plan_as_json(&session, &needs), error);
+    } else {
+        print_plan(&session, &needs);
+    }
+out:
+    session_finish(&session);
+    return status;
+}
+
+static int print_result(const struct sequence_result *result, bool json, struct nacre_error *error)
+{
+    if (json) {
+        return print_json(
+            json_pack("{s:I, s:I, s:I, s:I, s:f, s:I}", "patterns", (json_int_t)result->patterns,
+                      "measured_before", (json_int_t)result->skipped, "frames",
+                      (json_int_t)result->exposures, "retries", (json_int_t)result->retries,
+                      "station_seconds", (double)result->station_ns * 1e-9, "bytes",
+                      (json_int_t)result->bytes),
+            error);
+    }
+    printf("%-13s %zu measured, %zu measured before\n", "patterns", result->patterns,
+           result->skipped);
+    printf("%-13s %zu, %zu retries\n", "frames", result->exposures, result->retries);
+    print_duration("station time", (double)result->station_ns * 1e-9);
+    printf("%-13s %.1f MiB\n", "written", (double)result->bytes / 1048576);
+    return NACRE_OK;
+}
+
+static int lay_white_layer(void *context, bool on, struct nacre_error *error)
+{
+    (void)error; /* the virtual station always obeys */
+    virtual_station_set_white_layer(context, on);
+    return NACRE_OK;
+}
+
+static void begin_pattern(void *context, struct pattern pattern)
+{
+    virtual_station_begin_pattern(context, pattern);
+}
+
+static int measure(const char *path, const struct scan_settings *settings,
+                   struct virtual_station *simulated, bool quiet, struct sequence_result *result,
+                   struct nacre_error *error)
+{
+    struct session session = {0};
+    struct progress progress = progress_begin("scanning", quiet);
+    const struct sequence_options options = {.retries = settings->retries,
+                                             .tolerance_ns = TOLERANCE_NS};
+    struct sequence_operator person = {simulated, lay_white_layer, begin_pattern};
+    struct devices devices = {.camera = virtual_station_camera(simulated),
+                              .projector = virtual_station_projector(simulated),
+                              .trigger = virtual_station_trigger(simulated),
+                              .clock = virtual_station_clock(simulated)};
+    int status =
+        session_create(path, settings->station, settings->plan, settings->resume, &session, error);
+    if (status == NACRE_OK) {
+        status = sequence_run(&devices, &session, &person, &options, &progress, result, error);
+    }
+    progress_end(&progress);
+    session_finish(&session);
+    return status;
+}
+
+/* Open the devices first: where one fails, no session is begun. All of them are virtual, the one driver that station
+ * files of this build can name. */
+static int scan(const char *path, const struct scan_settings *settings,
+                const struct invocation *invocation, struct nacre_error *error)
+{
+    struct opencl opencl = {0};
+    struct virtual_station *simulated = NULL;
+    struct session wanted = {0};
+    struct sequence_result result;
+    int status = read_settings(path, settings, &wanted, error);
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    if (wanted.station.simulated.sample) {
+        status = opencl_open(invocation->device, &opencl, error);
+    }
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    status = virtual_station_new(&wanted.station, &opencl, &simulated, error);
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    status = measure(path, settings, simulated, invocation->quiet, &result, error);
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    status = print_result(&result, invocation->json, error);
+out:
+    virtual_station_free(simulated);
+    opencl_close(&opencl);
+    session_finish(&wanted);
+    return status;
+}
+
+static int run(const void *values, const struct invocation *invocation, struct nacre_error *error)
+{
+    const struct scan_settings *settings = values;
+    const char *path = invocation->operands[0];
+    if (settings->plan && !settings->station) {
+        return nacre_fail(error,
+                          "--plan: needs --station too; a session keeps the plan it began with");
+    }
+    return settings->dry_run ? dry_run(path, settings, invocation->json, error)
+                             : scan(path, settings, invocation, error);
+}
+
+const struct verb verb_scan = {
+    .name = "scan",
+    .operands = "SESSION --station FILE",
+    .summary = "measure a sample: show every pattern of the plan and write the raw frames",
+    .text =
+        "Shows the calibration patterns and then the grids in random order, takes every exposure "
+        "of "
+        "each, and writes one file a pattern into the folder SESSION. A pattern's file is whole or "
+        "absent, so a scan that was interrupted is resumed with --resume and equals one that was "
+        "not.\n\nThe station file describes camera, projector, trigger and the sample's region; "
+        "the "
+        "driver called virtual simulates them. Then come `nacre develop` and `nacre factor`.",
+    .operand_minimum = 1,
+    .operand_maximum = 1,
+    .options = scan_options,
+    .settings_size = sizeof(struct scan_settings),
+    .run = run,
+};
