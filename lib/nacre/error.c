@@ -10,7 +10,8 @@ int nacre_fail(struct nacre_error *error, const char *format, ...)
     if (error) {
         va_list arguments;
         va_start(arguments, format);
-        (void)vsnprintf(error->text, sizeof error->text, format, arguments); /* a cut text still helps */
+        (void)vsnprintf(error->text, sizeof error->text, format,
+                        arguments); /* a cut text still helps */
         va_end(arguments);
     }
     return NACRE_FAILED;

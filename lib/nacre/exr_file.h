@@ -25,12 +25,12 @@ enum exr_attribute_kind { EXR_INT, EXR_FLOAT, EXR_STRING, EXR_FLOATS, EXR_STRING
 struct exr_attribute {
     char name[64];
     enum exr_attribute_kind kind;
-    size_t count;     /* of EXR_FLOATS and EXR_STRINGS */
-    int integer;      /* EXR_INT */
-    float real;       /* EXR_FLOAT */
-    char *string;     /* EXR_STRING */
-    float *floats;    /* EXR_FLOATS */
-    char **strings;   /* EXR_STRINGS */
+    size_t count;   /* of EXR_FLOATS and EXR_STRINGS */
+    int integer;    /* EXR_INT */
+    float real;     /* EXR_FLOAT */
+    char *string;   /* EXR_STRING */
+    float *floats;  /* EXR_FLOATS */
+    char **strings; /* EXR_STRINGS */
 };
 
 struct exr_part {

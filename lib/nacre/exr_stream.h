@@ -47,4 +47,7 @@ void exr_stream_finish(struct exr_stream *stream);
  * in a header beyond it are not worth allocating. */
 uint64_t exr_stream_plausible(int64_t size, exr_compression_t compression);
 
+/* Whether an open file of one tiled part holds each of its `tiles` tiles to the last byte. */
+bool exr_stream_complete(const struct exr_stream *stream, uint64_t tiles);
+
 #endif

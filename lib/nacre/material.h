@@ -27,23 +27,23 @@ struct nacre_material {
     int window;        /* K, odd */
     int terms;
     int clusters; /* k; 0 with NACRE_KERNEL_PER_TERM */
-    int mixed;    /* kernels mixed at a surface point: 1 with hard clusters, 0 with NACRE_KERNEL_PER_TERM */
+    int mixed; /* kernels mixed at a surface point: 1 with hard clusters, 0 with NACRE_KERNEL_PER_TERM */
     enum nacre_layout layout;
     enum nacre_pixel pixel; /* of F, H and centre in the file: NACRE_HALF or NACRE_FLOAT */
     int factor_channels;    /* of F and H: as channels, or 1 where all channels share them */
     int bits;               /* planes take at most 2^bits values; 0: not quantised */
 
-    float *albedo;   /* [channels][height][width]; NaN where not measured; not part of the model */
-    float *f;        /* [terms][factor_channels][height][width] */
-    float *h;        /* the same, or NULL: H = F */
-    float *kernels;  /* [n][channels][K][K], epsilon already in */
-    uint32_t *ids;   /* [mixed][height][width], or NULL */
-    float *weights;  /* [mixed][height][width], sum to 1 over mixed, or NULL */
-    float *centre;   /* [channels][height][width], or NULL */
+    float *albedo;  /* [channels][height][width]; NaN where not measured; not part of the model */
+    float *f;       /* [terms][factor_channels][height][width] */
+    float *h;       /* the same, or NULL: H = F */
+    float *kernels; /* [n][channels][K][K], epsilon already in */
+    uint32_t *ids;  /* [mixed][height][width], or NULL */
+    float *weights; /* [mixed][height][width], sum to 1 over mixed, or NULL */
+    float *centre;  /* [channels][height][width], or NULL */
 
     double pitch_mm;
-    double epsilon;  /* relative to each kernel's maximum in each channel */
-    int iterations;  /* of H and F once each */
+    double epsilon; /* relative to each kernel's maximum in each channel */
+    int iterations; /* of H and F once each */
     int seed;
     char method[32];
     double error_min, error_mean, error_max; /* relative, of the model as stored */
@@ -63,7 +63,8 @@ int nacre_material_allocate(struct nacre_material *material, bool with_h, bool w
                             struct nacre_error *error);
 
 /* Append a copy of one warning. */
-int nacre_material_warn(struct nacre_material *material, const char *text, struct nacre_error *error);
+int nacre_material_warn(struct nacre_material *material, const char *text,
+                        struct nacre_error *error);
 
 /* Read a material. *material is filled on success and empty on failure; nacre_material_finish it. Every plane, its
  * size, type, and every id and weight is checked; what is wrong is named by file, part and channel. */

@@ -216,7 +216,6 @@ static int check_complete(struct nacre_scan *scan, struct nacre_error *error)
 {
     exr_context_t context = scan->stream.context;
     exr_compression_t compression = EXR_COMPRESSION_LAST_TYPE;
-    exr_chunk_info_t chunk;
     const struct nacre_scan_info *info = &scan->info;
     if (exr_get_compression(context, 0, &compression) != EXR_ERR_SUCCESS ||
         !lossless(compression)) {
@@ -231,13 +230,7 @@ static int check_complete(struct nacre_scan *scan, struct nacre_error *error)
                           "header announces; make it again",
                           scan->path, info->width, info->height);
     }
-    exr_result_t result = exr_read_tile_chunk_info(context, 0, 0, 0, 0, 0, &chunk);
-    if (result == EXR_ERR_SUCCESS) {
-        result =
-            exr_read_tile_chunk_info(context, 0, info->width - 1, info->height - 1, 0, 0, &chunk);
-    }
-    if (result != EXR_ERR_SUCCESS ||
-        chunk.data_offset + chunk.packed_size > (uint64_t)scan->stream.size) {
+    if (!exr_stream_complete(&scan->stream, count)) {
         return nacre_fail(error,
                           "%s: an incomplete file: not all of its %d x %d responses are there; "
                           "make it again",
