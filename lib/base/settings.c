@@ -185,14 +185,14 @@ static int apply_fallback(const struct settings_source *source, const struct set
                               : nacre_fail_within(error, "the default of '%s'", field->key);
 }
 
-static int apply_defaults(const struct settings_source *source,
-                          const struct settings_schema *schema, void *out,
-                          struct nacre_error *error)
+int settings_apply_defaults(const struct settings_source *source,
+                            const struct settings_schema *schema, void *out,
+                            struct nacre_error *error)
 {
     for (const struct settings_field *field = schema->fields; field->key; field++) {
         int result = NACRE_OK;
         if (field->kind == SETTINGS_STRUCT) {
-            result = apply_defaults(source, field->schema, at(out, field->offset), error);
+            result = settings_apply_defaults(source, field->schema, at(out, field->offset), error);
         } else if (field->fallback) {
             result = apply_fallback(source, field, out, error);
         }
@@ -243,8 +243,17 @@ static const struct settings_field *find_field(const struct settings_source *sou
 }
 
 static int read_mapping(const struct settings_source *source, const struct settings_schema *schema,
-                        const char *what, const yaml_node_t *node, void *out,
+                        const char *name, const yaml_node_t *node, void *out,
                         struct nacre_error *error);
+
+/* A mapping below a key. */
+static int read_named(const struct settings_source *source, const struct settings_field *field,
+                      const yaml_node_t *node, void *out, struct nacre_error *error)
+{
+    char name[80];
+    (void)snprintf(name, sizeof name, "'%s'", field->key);
+    return read_mapping(source, field->schema, name, node, out, error);
+}
 
 static int read_list(const struct settings_source *source, const struct settings_field *field,
                      const yaml_node_t *node, void *out, struct nacre_error *error)
@@ -264,8 +273,8 @@ static int read_list(const struct settings_source *source, const struct settings
         const yaml_node_t *item =
             yaml_document_get_node(source->document, node->data.sequence.items.start[i]);
         void *place = items + i * field->schema->size;
-        if (apply_defaults(source, field->schema, place, error) != NACRE_OK ||
-            read_mapping(source, field->schema, field->key, item, place, error) != NACRE_OK) {
+        if (settings_apply_defaults(source, field->schema, place, error) != NACRE_OK ||
+            read_named(source, field, item, place, error) != NACRE_OK) {
             return NACRE_FAILED;
         }
     }
@@ -295,8 +304,7 @@ static int read_field(const struct settings_source *source, const struct setting
         *(int *)at(out, field->line_offset) = (int)key->start_mark.line + 1;
     }
     if (field->kind == SETTINGS_STRUCT) {
-        return read_mapping(source, field->schema, field->key, value, at(out, field->offset),
-                            error);
+        return read_named(source, field, value, at(out, field->offset), error);
     }
     if (field->kind == SETTINGS_LIST) {
         return read_list(source, field, value, out, error);
@@ -338,13 +346,13 @@ static bool has_key(const struct settings_source *source, const yaml_node_t *nod
 }
 
 static int check_required(const struct settings_source *source,
-                          const struct settings_schema *schema, const char *what,
+                          const struct settings_schema *schema, const char *name,
                           const yaml_node_t *node, struct nacre_error *error)
 {
     for (const struct settings_field *field = schema->fields; field->key; field++) {
         if (field->required && !has_key(source, node, field->key)) {
             return settings_fail_at(source, node->start_mark, error, "%s lacks the key '%s'%s%s%s",
-                                    what, field->key, field->sentence ? " (" : "",
+                                    name, field->key, field->sentence ? " (" : "",
                                     field->sentence ? field->sentence : "",
                                     field->sentence ? ")" : "");
         }
@@ -352,16 +360,16 @@ static int check_required(const struct settings_source *source,
     return NACRE_OK;
 }
 
-/* Read a mapping over the defaults that `out` holds. */
+/* Read a mapping over the defaults that `out` holds; `name` is how messages call it. */
 static int read_mapping(const struct settings_source *source, const struct settings_schema *schema,
-                        const char *what, const yaml_node_t *node, void *out,
+                        const char *name, const yaml_node_t *node, void *out,
                         struct nacre_error *error)
 {
     if (node->type != YAML_MAPPING_NODE) {
         char known[700] = "";
         describe_keys(schema, "", known, sizeof known);
         return settings_fail_at(source, node->start_mark, error, "%s takes 'key: value' lines%s",
-                                what, known);
+                                name, known);
     }
     if (schema->line_offset) {
         *(int *)at(out, schema->line_offset) = (int)node->start_mark.line + 1;
@@ -383,12 +391,13 @@ static int read_mapping(const struct settings_source *source, const struct setti
             return NACRE_FAILED;
         }
     }
-    return check_required(source, schema, what, node, error);
+    return check_required(source, schema, name, node, error);
 }
 
 int settings_parse(const char *name, const char *folder, const char *text, size_t size,
                    const struct settings_schema *schema, void *out, struct nacre_error *error)
 {
+    char root_name[64];
     yaml_document_t document;
     struct settings_source source = {.name = name, .folder = folder, .document = &document};
     memset(out, 0, schema->size);
@@ -397,10 +406,11 @@ int settings_parse(const char *name, const char *folder, const char *text, size_
         return NACRE_FAILED;
     }
     const yaml_node_t *root = yaml_document_get_root_node(&document);
-    int result = root ? apply_defaults(&source, schema, out, error)
+    int result = root ? settings_apply_defaults(&source, schema, out, error)
                       : nacre_fail(error, "%s: empty, but should be a %s", name, schema->what);
     if (result == NACRE_OK) {
-        result = read_mapping(&source, schema, schema->what, root, out, error);
+        (void)snprintf(root_name, sizeof root_name, "the %s", schema->what);
+        result = read_mapping(&source, schema, root_name, root, out, error);
     }
     if (result != NACRE_OK) {
         settings_finish(schema, out);

@@ -9,15 +9,13 @@
 #include <stddef.h>
 
 enum settings_kind {
-    SETTINGS_BOOL,   /* bool */
-    SETTINGS_INT,    /* int */
-    SETTINGS_REAL,   /* double */
-    SETTINGS_STRING, /* char *, heap */
-    /* char *, heap: a relative path is taken from the file's own folder; settings_read makes it
-     * absolute */
-    SETTINGS_PATH,
-    SETTINGS_CHOICE, /* int, index into words */
-    SETTINGS_REALS, /* double[count], a sequence of exactly `count` numbers; one number fills all */
+    SETTINGS_BOOL,    /* bool */
+    SETTINGS_INT,     /* int */
+    SETTINGS_REAL,    /* double */
+    SETTINGS_STRING,  /* char *, heap */
+    SETTINGS_PATH,    /* char *, heap: relative to the file's own folder; absolute when read */
+    SETTINGS_CHOICE,  /* int, index into words */
+    SETTINGS_REALS,   /* double[count], a sequence of `count` numbers; one number fills all */
     SETTINGS_STRUCT,  /* a struct inside the struct, by `schema` */
     SETTINGS_LIST,    /* heap array of structs by `schema`; its size_t length at `length_offset` */
     SETTINGS_NUMBERS, /* heap array of double; its size_t length at `length_offset` */
@@ -39,8 +37,7 @@ struct settings_field {
     const char *const *words; /* SETTINGS_CHOICE: NULL-terminated */
     const struct settings_schema *schema;
     const char *sentence; /* what it means, with its unit */
-    size_t
-        line_offset; /* of an int that gets the key's line (0: none; so never the first member) */
+    size_t line_offset;   /* of an int that gets the key's line (0: none) */
 };
 
 struct settings_schema {

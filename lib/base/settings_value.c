@@ -5,6 +5,7 @@
 #include "base/nearest.h"
 #include "base/number.h"
 
+#include <limits.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -57,10 +58,14 @@ static int refuse_range(const struct settings_source *source, const struct setti
                         const yaml_node_t *node, const char *text, struct nacre_error *error)
 {
     char range[128];
+    const char *sentence = field->sentence;
     number_describe_range(field->minimum, field->maximum, NULL, range, sizeof range);
-    return settings_fail_at(source, node->start_mark, error, "%s: %s is out of range%s%s (%s)",
-                            field->key, text, *range ? ": " : "", range,
-                            field->sentence ? field->sentence : "");
+    if (!*range && field->kind == SETTINGS_INT) {
+        (void)snprintf(range, sizeof range, "%d to %d", INT_MIN, INT_MAX);
+    }
+    return settings_fail_at(source, node->start_mark, error, "%s: %s is out of range%s%s%s%s%s",
+                            field->key, text, *range ? ": " : "", range, sentence ? " (" : "",
+                            sentence ? sentence : "", sentence ? ")" : "");
 }
 
 static int set_bool(const struct settings_source *source, const struct settings_field *field,
@@ -168,7 +173,7 @@ static int set_choice(const struct settings_source *source, const struct setting
         }
     }
     return settings_fail_at(source, node->start_mark, error,
-                            "%s: '%s' is not a word for it%s%s%s; the words are: %s", field->key,
+                            "%s: '%s' is not one of its words%s%s%s; they are: %s", field->key,
                             text, nearest.best ? ", perhaps '" : "",
                             nearest.best ? nearest.best : "", nearest.best ? "'" : "", known);
 }
@@ -197,10 +202,9 @@ static int set_reals(const struct settings_source *source, const struct settings
         return NACRE_OK;
     }
     if (node->type != YAML_SEQUENCE_NODE || item_count(node) != field->count) {
-        return settings_fail_at(
-            source, node->start_mark, error,
-            "'%s' takes a sequence of %zu numbers, or one number for all of them", field->key,
-            field->count);
+        return settings_fail_at(source, node->start_mark, error,
+                                "'%s' takes a sequence of %zu numbers, or one number for all",
+                                field->key, field->count);
     }
     for (size_t i = 0; i < field->count; i++) {
         if (set_real(source, field, item_node(source, node, i), &values[i], error) != NACRE_OK) {

@@ -1,6 +1,7 @@
 /* Writing a struct as YAML by its schema. */
 #include "base/number.h"
 #include "base/settings.h"
+#include "base/settings_value.h"
 #include "nacre/whole_file.h"
 
 #include <ctype.h>
@@ -160,10 +161,38 @@ static int write_value(FILE *file, const struct settings_field *field, const voi
     return nacre_fail(error, "'%s' is no scalar", field->key);
 }
 
+/* Whether an optional struct that requires keys is as it is where it is left out: written it would be refused. */
+static bool is_absent_struct(const struct settings_field *field, const void *in)
+{
+    char where[8];
+    bool same = false, requires_keys = false;
+    const struct settings_source source = {.name = "defaults"};
+    for (const struct settings_field *inner = field->schema->fields; inner->key; inner++) {
+        requires_keys = requires_keys || inner->required;
+    }
+    void *absent = requires_keys ? calloc(1, field->schema->size) : NULL;
+    if (!absent) {
+        return false;
+    }
+    if (settings_apply_defaults(&source, field->schema, absent, NULL) == NACRE_OK) {
+        same = settings_same(field->schema, at(in, field->offset), absent, where, sizeof where);
+    }
+    settings_finish(field->schema, absent);
+    free(absent);
+    return same;
+}
+
 static bool is_left_out(const struct settings_field *field, const void *in)
 {
-    return (field->kind == SETTINGS_STRING || field->kind == SETTINGS_PATH) &&
-           !*(char *const *)at(in, field->offset);
+    switch (field->kind) {
+    case SETTINGS_STRING:
+    case SETTINGS_PATH:
+        return !*(char *const *)at(in, field->offset);
+    case SETTINGS_STRUCT:
+        return !field->required && is_absent_struct(field, in);
+    default:
+        return false;
+    }
 }
 
 static int write_field(FILE *file, const struct settings_field *field, const void *in, int indent,

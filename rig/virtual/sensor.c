@@ -7,8 +7,9 @@
 /* Above this mean a Poisson variate is taken as normal: its skewness is 0.14 there and falls. */
 static const double POISSON_MEAN = 50;
 
-/* Pixels that a thread takes at a time. */
-enum { BLOCK = 8192 };
+/* Pixels that a thread takes at a time, and from how many on there is more than one thread: below, waking them costs
+ * more than it saves while frames are being compressed. */
+enum { BLOCK = 8192, MANY = 1 << 18 };
 
 /* SplitMix64 (Steele, Lea and Flood 2014). */
 uint64_t sensor_key(uint64_t key, uint64_t value)
@@ -129,7 +130,7 @@ void sensor_expose(const struct station_camera *camera, const float *signal, dou
     void (*loop)(const struct exposure *, size_t, size_t) =
         loops[camera->electrons > 0][camera->read_noise > 0];
     struct exposure exposure = {camera, signal, seconds, key, raw};
-#pragma omp parallel for schedule(dynamic)
+#pragma omp parallel for schedule(dynamic) if (count >= MANY)
     for (size_t first = 0; first < count; first += BLOCK) {
         loop(&exposure, first, first + BLOCK < count ? first + BLOCK : count);
     }

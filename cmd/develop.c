@@ -1,0 +1,186 @@
+/* nacre develop: a session's frames to responses. */
+#include "rig/develop/develop.h"
+#include "cmd/verbs.h"
+
+#include <jansson.h>
+#include <math.h>
+#include <stddef.h>
+#include <stdio.h>
+
+struct develop_settings {
+    const char *output;
+    int demosaic, black, store;
+    double confidence;
+};
+
+static const char *const store_words[] = {"float", "half", NULL};
+
+static const struct option_spec develop_options[] = {
+    {.name = "output",
+     .letter = 'o',
+     .kind = OPTION_STRING,
+     .argument = "FILE",
+     .offset = offsetof(struct develop_settings, output),
+     .sentence = "the scan to be written"},
+    {.name = "demosaic",
+     .kind = OPTION_CHOICE,
+     .words = demosaic_names,
+     .fallback = "fit",
+     .offset = offsetof(struct develop_settings, demosaic),
+     .sentence =
+         "how pixels become surface points: least squares over what each pixel sees, the mean of "
+         "the "
+         "pixels of a colour by area, or full colour by Malvar, He and Cutler and then that mean"},
+    {.name = "black",
+     .kind = OPTION_CHOICE,
+     .words = black_mode_names,
+     .fallback = "subtract",
+     .offset = offsetof(struct develop_settings, black),
+     .sentence = "subtract the mean of the black frames and keep what falls below zero, or clip to "
+                 "zero what "
+                 "is not above the black frames with the given confidence"},
+    {.name = "confidence",
+     .kind = OPTION_REAL,
+     .argument = "SHARE",
+     .minimum = 0.5,
+     .maximum = 0.999999,
+     .fallback = "99 %",
+     .offset = offsetof(struct develop_settings, confidence),
+     .sentence = "one-sided confidence of --black=clip"},
+    {.name = "store",
+     .kind = OPTION_CHOICE,
+     .words = store_words,
+     .fallback = "float",
+     .offset = offsetof(struct develop_settings, store),
+     .sentence = "numbers in the scan; half flushes what is below 6e-8"},
+    {0}};
+
+static json_t *real(double value)
+{
+    return isfinite(value) ? json_real(value) : json_null();
+}
+
+static json_t *seconds_json(const struct develop_report *report)
+{
+    return json_pack("{s:o, s:o, s:o, s:o, s:o, s:o}", "white", real(report->white_seconds),
+                     "black", real(report->black_seconds), "dots", real(report->dots_seconds),
+                     "map", real(report->map_seconds), "grids", real(report->grid_seconds), "total",
+                     real(report->total_seconds));
+}
+
+static json_t *geometry_json(const struct develop_report *report)
+{
+    const struct align_report *align = &report->align;
+    return json_pack("{s:I, s:I, s:I, s:o, s:o, s:o}", "dots", (json_int_t)align->dots, "matched",
+                     (json_int_t)align->matched, "rejected", (json_int_t)align->rejected, "rms_px",
+                     real(align->rms_px), "worst_px", real(align->worst_px), "pixels_per_point",
+                     real(report->pixels_per_point));
+}
+
+static json_t *pixels_json(const struct develop_report *report)
+{
+    const struct linearity_report *linearity = &report->linearity;
+    return json_pack("{s:I, s:I, s:I, s:o, s:o}", "dead", (json_int_t)linearity->dead, "nonlinear",
+                     (json_int_t)linearity->nonlinear, "noisy", (json_int_t)linearity->noisy,
+                     "linearity_deviation", real(linearity->deviation), "saturated_share",
+                     real(report->saturated_share));
+}
+
+static int print_json(const char *output, const struct develop_report *report,
+                      struct nacre_error *error)
+{
+    json_t *root = json_pack(
+        "{s:s, s:[i,i], s:i, s:i, s:i, s:i, s:i, s:i, s:i, s:I, s:I, s:o, s:o, s:o, s:o, s:o, s:o, "
+        "s:o, "
+        "s:o, s:o}",
+        "output", output, "size", report->width, report->height, "window", report->window,
+        "channels", report->channels, "patterns", report->patterns, "missing_patterns",
+        report->missing_patterns, "white_frames", report->white_frames, "black_frames",
+        report->black_frames, "dots_frames", report->dots_frames, "responses",
+        (json_int_t)report->responses, "missing_entries", (json_int_t)report->missing_entries,
+        "black_level_per_s", real(report->black_level), "frame_noise_per_s",
+        real(report->frame_noise), "noise", real(report->noise), "centre", real(report->centre),
+        "rim_share", real(report->rim_share), "overlap", real(report->overlap), "geometry",
+        geometry_json(report), "pixels", pixels_json(report), "seconds", seconds_json(report));
+    int status = NACRE_OK;
+    if (!root || json_dumpf(root, stdout, JSON_INDENT(2)) != 0 || puts("") < 0) {
+        status = nacre_fail(error, "standard output: cannot write the result");
+    }
+    json_decref(root);
+    return status;
+}
+
+static void print_text(const char *output, const struct develop_report *report)
+{
+    const struct align_report *align = &report->align;
+    const struct linearity_report *pixels = &report->linearity;
+    (void)printf("%-12s %s: %d x %d points, window %d, %d channel%s\n", "scan", output,
+                 report->width, report->height, report->window, report->channels,
+                 report->channels == 1 ? "" : "s");
+    (void)printf("%-12s %d grids (%d missing), %d white, %d dots, %d black\n", "patterns",
+                 report->patterns, report->missing_patterns, report->white_frames,
+                 report->dots_frames, report->black_frames);
+    (void)printf("%-12s %zu measured, %zu entries missing, %.2g %% of pixels saturated\n",
+                 "responses", report->responses, report->missing_entries,
+                 100 * report->saturated_share);
+    (void)printf(
+        "%-12s %zu of %zu dots, %zu rejected; %.3f px RMS, %.3f px at worst; %.2f px a point\n",
+        "geometry", align->matched, align->dots, align->rejected, align->rms_px, align->worst_px,
+        report->pixels_per_point);
+    (void)printf("%-12s %zu dead, %zu not linear, %zu noisy", "pixels", pixels->dead,
+                 pixels->nonlinear, pixels->noisy);
+    if (isfinite(pixels->deviation)) {
+        (void)printf("; exposures within %.2g %% of proportion", 100 * pixels->deviation);
+    }
+    (void)printf("\n%-12s %.4g raw a second, noise of a frame %.3g\n", "black level",
+                 report->black_level, report->frame_noise);
+    (void)printf("%-12s %.2g of R_d an entry; centre entries are %.3g\n", "noise", report->noise,
+                 report->centre);
+    (void)printf("%-12s %.2g %% of the energy outside the window (%.2g %% on its rim)\n", "overlap",
+                 100 * report->overlap, 100 * report->rim_share);
+    (void)printf("%-12s %.1f s: white %.1f, black %.1f, dots %.1f, map %.1f, grids %.1f\n", "time",
+                 report->total_seconds, report->white_seconds, report->black_seconds,
+                 report->dots_seconds, report->map_seconds, report->grid_seconds);
+}
+
+static int run(const void *settings, const struct invocation *invocation, struct nacre_error *error)
+{
+    const struct develop_settings *given = settings;
+    struct develop_options options = {(enum black_mode)given->black, given->confidence,
+                                      (enum demosaic)given->demosaic,
+                                      given->store ? NACRE_HALF : NACRE_FLOAT};
+    struct progress progress = progress_begin("developing", invocation->quiet);
+    struct develop_report report;
+    if (!given->output) {
+        return nacre_fail(error, "develop needs a scan to write (-o scan.exr)");
+    }
+    int status = develop_session(invocation->operands[0], &options, given->output, &progress,
+                                 &report, error);
+    progress_end(&progress);
+    if (status != NACRE_OK) {
+        return status;
+    }
+    if (invocation->json) {
+        return print_json(given->output, &report, error);
+    }
+    print_text(given->output, &report);
+    return NACRE_OK;
+}
+
+const struct verb verb_develop = {
+    .name = "develop",
+    .operands = "SESSION -o SCAN",
+    .summary = "makes responses of a session's frames",
+    .text = "Merges the raw exposures of every pattern, takes the black level off, divides by the "
+            "white frames, "
+            "maps camera pixels to surface points by the dots patterns, and cuts out the response "
+            "of each lit point. "
+            "Patterns that were not measured leave responses of NaN, which are counted.\n\n"
+            "The calibration frames in the session's folder are all used; without any of one kind "
+            "developing fails.",
+    .operand_minimum = 1,
+    .operand_maximum = 1,
+    .options = develop_options,
+    .settings_size = sizeof(struct develop_settings),
+    .run = run,
+};

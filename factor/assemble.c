@@ -1,0 +1,135 @@
+/* Making a material of what a method has found. */
+#include "factor/assemble.h"
+
+#include "factor/fill.h"
+#include "factor/update.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+void assemble_known(const struct responses *r, int channel, bool outgoing, uint8_t *known)
+{
+    int half = r->window / 2;
+    memset(known, 0, (size_t)r->width * (size_t)r->height);
+    for (int y = 0; y < r->height; y++) {
+        for (int v = 0; v < r->window; v++) {
+            for (int x = 0; x < r->width; x++) {
+                for (int u = 0; u < r->window; u++) {
+                    if (responses_is_measured(r, channel, responses_index(r, x, y, u, v))) {
+                        int to_x = outgoing ? x + u - half : x;
+                        int to_y = outgoing ? y + v - half : y;
+                        known[to_y * r->width + to_x] = 1;
+                    }
+                }
+            }
+        }
+    }
+}
+
+static float largest_of(const float *values, size_t count)
+{
+    float largest = 0;
+    for (size_t i = 0; i < count; i++) {
+        largest = fmaxf(largest, values[i]);
+    }
+    return largest;
+}
+
+/* Give F and H of a term maxima of the same size by an exact power of two, so that both fit half floats. Values at the
+ * methods' floor become 0. */
+static void balance(float *f, float *h, size_t count)
+{
+    float largest_f = largest_of(f, count), largest_h = largest_of(h, count);
+    int of_f = 0, of_h = 0;
+    (void)frexpf(largest_f, &of_f);
+    (void)frexpf(largest_h, &of_h);
+    int shift = (of_h - of_f) / 2;
+    for (size_t i = 0; i < count; i++) {
+        f[i] = f[i] <= UPDATE_FLOOR ? 0 : ldexpf(f[i], shift);
+        h[i] = h[i] <= UPDATE_FLOOR ? 0 : ldexpf(h[i], -shift);
+    }
+}
+
+/* One channel's factors into the material's planes. work: 2 x [terms][height][width] floats; known: [height][width]. */
+static int assemble_factors(const struct problem *p, struct method *method, int channel,
+                            struct nacre_material *m, float *work, uint8_t *known,
+                            struct nacre_error *error)
+{
+    const struct responses *r = p->responses;
+    size_t plane = (size_t)r->width * (size_t)r->height, count = plane * (size_t)p->terms;
+    float *f = work, *h = work + count;
+    int status = method->ops->read(method, channel, f, h, error);
+    for (size_t t = 0; t < (size_t)p->terms && status == NACRE_OK; t++) {
+        balance(f + t * plane, h + t * plane, plane);
+    }
+    if (status == NACRE_OK && r->mask_needed) {
+        assemble_known(r, channel, false, known);
+        status = fill_planes(r->width, r->height, known, p->ids, f, (size_t)p->terms, plane, error);
+    }
+    if (status == NACRE_OK && r->mask_needed) {
+        assemble_known(r, channel, true, known);
+        status = fill_planes(r->width, r->height, known, p->ids, h, (size_t)p->terms, plane, error);
+    }
+    for (size_t t = 0; t < (size_t)p->terms && status == NACRE_OK; t++) {
+        size_t to = (t * (size_t)m->channels + (size_t)channel) * plane;
+        memcpy(m->f + to, f + t * plane, plane * sizeof *f);
+        memcpy(m->h + to, h + t * plane, plane * sizeof *h);
+    }
+    return status;
+}
+
+/* The sum of each response of a channel, NaN where nothing of it was measured. */
+static void assemble_albedo(const struct responses *r, int channel, float *albedo)
+{
+#pragma omp parallel for
+    for (int y = 0; y < r->height; y++) {
+        for (int x = 0; x < r->width; x++) {
+            double sum = 0;
+            size_t measured = 0;
+            for (int v = 0; v < r->window; v++) {
+                for (int u = 0; u < r->window; u++) {
+                    size_t index = responses_index(r, x, y, u, v);
+                    if (responses_is_measured(r, channel, index)) {
+                        sum += (double)r->values[channel][index];
+                        measured++;
+                    }
+                }
+            }
+            albedo[y * r->width + x] =
+                measured ? (float)ldexp(sum, r->exponent[channel]) : (float)NAN;
+        }
+    }
+}
+
+int assemble_material(const struct problem *p, struct method *method, struct nacre_material *m,
+                      struct nacre_error *error)
+{
+    const struct responses *r = p->responses;
+    size_t plane = (size_t)r->width * (size_t)r->height;
+    size_t area = (size_t)r->window * (size_t)r->window;
+    float *work = malloc(2 * plane * (size_t)p->terms * sizeof *work);
+    uint8_t *known = malloc(plane);
+    int status = NACRE_OK;
+    if (!work || !known) {
+        status = nacre_fail_memory(error, "the factors");
+    }
+    for (int c = 0; c < r->channels && status == NACRE_OK; c++) {
+        status = assemble_factors(p, method, c, m, work, known, error);
+        assemble_albedo(r, c, m->albedo + (size_t)c * plane);
+    }
+    /* The kernels carry the responses' scale, as they are always stored as floats. */
+    for (size_t i = 0; i < (size_t)(p->clusters * r->channels); i++) {
+        for (size_t j = 0; j < area; j++) {
+            m->kernels[i * area + j] =
+                ldexpf(p->kernels[i * area + j], r->exponent[i % (size_t)r->channels]);
+        }
+    }
+    for (size_t i = 0; i < plane; i++) {
+        m->ids[i] = p->ids[i];
+        m->weights[i] = 1;
+    }
+    free(work);
+    free(known);
+    return status;
+}

@@ -1,0 +1,17 @@
+/* Making a material of what a method has found: units, balance, points without measurement, albedo. */
+#ifndef FACTOR_ASSEMBLE_H
+#define FACTOR_ASSEMBLE_H
+
+#include "factor/method.h"
+
+#include "nacre/material.h"
+
+/* Fill the planes of an allocated material (hard clusters) from a method's factors, the problem's kernels and clusters.
+ * ids are complete; F and H are spread from measured points to those of which nothing was measured. */
+int assemble_material(const struct problem *problem, struct method *method,
+                      struct nacre_material *material, struct nacre_error *error);
+
+/* known[height][width]: points of which something was measured in this channel, as x_i, or (outgoing) as x_o. */
+void assemble_known(const struct responses *responses, int channel, bool outgoing, uint8_t *known);
+
+#endif

@@ -1,0 +1,396 @@
+/* Multiplicative updates of the factors of R ~ (FH) * G with the weights W^2 = 1/G (Peers et al. 2006, section 5.3):
+ *
+ *     F <- F * (R H^T) / (((FH) * G) H^T)        H <- H * (F^T R) / (F^T ((FH) * G))
+ *
+ * A work-item updates ROWS neighbouring rows of points of its own factor. Row by row of the other factor it goes through
+ * the blocks of LANES points, and for each block through the window's columns dx:
+ *
+ *     phase 1:  (FH)(dx) for STEPS columns x ROWS rows at a time in registers; V = (FH) g and R go to a small buffer
+ *     phase 2:  for GROUP terms at a time: numerator += R * other(x + dx), denominator += V * other(x + dx)
+ *
+ * Both updates read the same copy of R, whose layout responses.h draws. Updating F, lanes are points x_i and R is read
+ * aligned. Updating H, lanes are points x_o, entry dx was lit at x_o - dx, and a vector of R is blended of two:
+ *
+ *     block q   at dx: |. . . a b c d e|    x_i = first ... first + LANES-1 straddles two blocks,
+ *     block q+1 at dx: |f g h . . . . .|    a b c d e f g h is what the lanes need
+ *
+ * Factors are planes [y][term][stride] with zeros around each row, so that x needs no tests; rows end with ROWS more of
+ * zeros. The number of planes is `terms` rounded up to GROUP. */
+
+#ifndef LANES
+#define LANES 8 /* points side by side in a vector */
+#endif
+#ifndef ROWS
+#define ROWS 2 /* rows of points that share the loads of the other factor */
+#endif
+#ifndef STEPS
+#define STEPS 4 /* window columns at a time in phase 1 */
+#endif
+#ifndef GROUP
+#define GROUP 3 /* terms at a time in phase 2 */
+#endif
+#ifndef CHUNK
+#define CHUNK 64 /* columns in the buffer between the phases */
+#endif
+#ifndef CLUSTERED
+#define CLUSTERED 0 /* more than one kernel */
+#endif
+#ifndef MASKED
+#define MASKED 0 /* some entries were not measured */
+#endif
+#ifndef NEGATIVE
+#define NEGATIVE 0 /* some responses are below zero */
+#endif
+
+#define JOIN_(a, b) a##b
+#define JOIN(a, b) JOIN_(a, b)
+#define VEC JOIN(float, LANES)
+#define IVEC JOIN(int, LANES)
+#define VLOAD JOIN(vload, LANES)
+#define INLINE static inline __attribute__((always_inline))
+#define UNROLL _Pragma("unroll")
+
+#if LANES == 4
+#define LOG_LANES 2
+#define LANE_NUMBERS (int4)(0, 1, 2, 3)
+#define LANE_BITS (int4)(1, 2, 4, 8)
+#elif LANES == 8
+#define LOG_LANES 3
+#define LANE_NUMBERS (int8)(0, 1, 2, 3, 4, 5, 6, 7)
+#define LANE_BITS (int8)(1, 2, 4, 8, 16, 32, 64, 128)
+#else
+#define LOG_LANES 4
+#define LANE_NUMBERS (int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15)
+#define LANE_BITS                                                                                  \
+    (int16)(1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768)
+#endif
+
+/* As struct sizes in update.c. */
+struct sizes {
+    int width, height, window, terms, planes;
+    int blocks;   /* of LANES points in a row */
+    int stride;   /* floats of one row of one plane of a factor */
+    int pad;      /* zeros before each row */
+    int row;      /* floats of a row (y, dy) of responses */
+    int lead;     /* floats before the first */
+    int scratch;  /* floats of scratch of one work-item */
+    float guard;  /* added to denominators */
+    float floor;  /* smallest factor value inside the sample */
+    float exponent; /* of the regularised update: 1 is none */
+    float unit;     /* of factor values, for the exponent */
+};
+
+/* Entry `e` (= dx + half) of LANES responses of a row: of those lit at block's own points, or (outgoing) of those lit at
+ * points that lie at distance dx before block's points. */
+INLINE VEC load_entry(global const float *row, int window, int block, int e, int outgoing)
+{
+    if (!outgoing) {
+        return *(global const VEC *)(row + (block * window + e) * LANES);
+    }
+    int first = block * LANES + window / 2 - e;
+    int from = first >> LOG_LANES, shift = first & (LANES - 1);
+    global const float *near = row + (from * window + e) * LANES + shift;
+    VEC low = VLOAD(0, near), high = VLOAD(0, near + window * LANES - LANES);
+    return select(high, low, (IVEC)(LANES - shift) > LANE_NUMBERS);
+}
+
+/* Which of those were measured: lanes of -1 or 0. */
+INLINE IVEC load_mask(global const ushort *row, int window, int block, int e, int outgoing)
+{
+    int bits;
+    if (!outgoing) {
+        bits = row[block * window + e];
+    } else {
+        int first = block * LANES + window / 2 - e;
+        int from = first >> LOG_LANES, shift = first & (LANES - 1);
+        global const ushort *near = row + from * window + e;
+        bits = (near[0] >> shift) | (near[window] << (LANES - shift));
+    }
+    return ((IVEC)(bits) & LANE_BITS) != 0;
+}
+
+#if CLUSTERED
+/* Spread the row dy of each point's kernel into the layout of a row of responses. */
+INLINE void spread_kernels(global float *strip, global const float *kernels,
+                           global const int *labels, int v, const struct sizes s)
+{
+    for (int b = 0; b < s.blocks; b++) {
+        global float *run = strip + b * s.window * LANES;
+        for (int lane = 0; lane < LANES; lane++) {
+            global const float *from =
+                kernels + ((long)labels[b * LANES + lane] * (s.window + 1) + v) * s.window;
+            for (int e = 0; e < s.window; e++) {
+                run[e * LANES + lane] = from[e];
+            }
+        }
+    }
+}
+#endif
+
+/* The rows that a work-item's point rows share with one row of the other factor. */
+struct rows {
+    global const float *responses[ROWS];
+    global const ushort *mask[ROWS];
+    global const float *g[ROWS];       /* K values, or with clusters a spread row */
+    global const float *inverse[ROWS]; /* 1 / kernel, K values */
+    global const float *own[ROWS];
+    global const float *other;
+};
+
+/* Phase 1 for COUNT columns from e on. Returns the sum of W^2 (R - V)^2 where that is asked for. */
+#define PHASE_1(NAME, COUNT)                                                                       \
+    INLINE VEC NAME(const struct rows *rows, VEC *v, VEC *w, int b, int e, int outgoing,           \
+                    int objective, const struct sizes s)                                           \
+    {                                                                                              \
+        VEC product[ROWS][COUNT];                                                                  \
+        VEC total = 0;                                                                             \
+        global const float *other = rows->other + b * LANES +                                      \
+                                    (outgoing ? s.window / 2 - e : e - s.window / 2);              \
+        UNROLL for (int r = 0; r < ROWS; r++)                                                      \
+        {                                                                                          \
+            UNROLL for (int j = 0; j < COUNT; j++)                                                 \
+            {                                                                                      \
+                product[r][j] = 0;                                                                 \
+            }                                                                                      \
+        }                                                                                          \
+        for (int t = 0; t < s.terms; t++) {                                                        \
+            VEC o[COUNT];                                                                          \
+            UNROLL for (int j = 0; j < COUNT; j++)                                                 \
+            {                                                                                      \
+                o[j] = VLOAD(0, other + t * s.stride + (outgoing ? -j : j));                       \
+            }                                                                                      \
+            UNROLL for (int r = 0; r < ROWS; r++)                                                  \
+            {                                                                                      \
+                VEC f = *(global const VEC *)(rows->own[r] + t * s.stride + b * LANES);            \
+                UNROLL for (int j = 0; j < COUNT; j++)                                             \
+                {                                                                                  \
+                    product[r][j] = fma(f, o[j], product[r][j]);                                   \
+                }                                                                                  \
+            }                                                                                      \
+        }                                                                                          \
+        UNROLL for (int r = 0; r < ROWS; r++)                                                      \
+        {                                                                                          \
+            UNROLL for (int j = 0; j < COUNT; j++)                                                 \
+            {                                                                                      \
+                total += finish_entry(rows, v, w, r, b, e + j, j, product[r][j], outgoing,         \
+                                      objective, s);                                               \
+            }                                                                                      \
+        }                                                                                          \
+        return total;                                                                              \
+    }
+
+/* V and R of one vector of entries, masked, into the buffers at column j. */
+INLINE VEC finish_entry(const struct rows *rows, VEC *v, VEC *w, int r, int b, int e, int j,
+                        VEC product, int outgoing, int objective, const struct sizes s)
+{
+    VEC response = load_entry(rows->responses[r], s.window, b, e, outgoing);
+    VEC error = 0;
+#if CLUSTERED
+    VEC g = load_entry(rows->g[r], s.window, b, e, outgoing);
+#else
+    VEC g = (VEC)(rows->g[r][e]);
+#endif
+    VEC value = product * g;
+#if MASKED
+    IVEC measured = load_mask(rows->mask[r], s.window, b, e, outgoing);
+    response = select((VEC)(0), response, measured);
+    value = select((VEC)(0), value, measured);
+#endif
+    if (objective) {
+        VEC difference = response - value;
+#if CLUSTERED
+        error = difference * difference / fmax(g, (VEC)(FLT_MIN));
+#else
+        error = difference * difference * rows->inverse[r][e];
+#endif
+    }
+#if NEGATIVE
+    VEC positive = fmax(response, (VEC)(0));
+    value += positive - response;
+    response = positive;
+#endif
+    v[j * ROWS + r] = value;
+    w[j * ROWS + r] = response;
+    return error;
+}
+
+PHASE_1(phase_1_steps, STEPS)
+PHASE_1(phase_1_one, 1)
+
+/* Phase 2 for one group of terms and `count` columns from e on. sums: [GROUP][ROWS][numerator, denominator]. */
+INLINE void phase_2(const struct rows *rows, const VEC *v, const VEC *w, global VEC *sums, int b,
+                    int e, int count, int t, int outgoing, const struct sizes s)
+{
+    VEC numerator[GROUP][ROWS], denominator[GROUP][ROWS];
+    global const float *other = rows->other + t * s.stride + b * LANES +
+                                (outgoing ? s.window / 2 - e : e - s.window / 2);
+    UNROLL for (int k = 0; k < GROUP; k++)
+    {
+        UNROLL for (int r = 0; r < ROWS; r++)
+        {
+            numerator[k][r] = sums[(k * ROWS + r) * 2];
+            denominator[k][r] = sums[(k * ROWS + r) * 2 + 1];
+        }
+    }
+    for (int j = 0; j < count; j++) {
+        UNROLL for (int k = 0; k < GROUP; k++)
+        {
+            VEC o = VLOAD(0, other + k * s.stride + (outgoing ? -j : j));
+            UNROLL for (int r = 0; r < ROWS; r++)
+            {
+                numerator[k][r] = fma(w[j * ROWS + r], o, numerator[k][r]);
+                denominator[k][r] = fma(v[j * ROWS + r], o, denominator[k][r]);
+            }
+        }
+    }
+    UNROLL for (int k = 0; k < GROUP; k++)
+    {
+        UNROLL for (int r = 0; r < ROWS; r++)
+        {
+            sums[(k * ROWS + r) * 2] = numerator[k][r];
+            sums[(k * ROWS + r) * 2 + 1] = denominator[k][r];
+        }
+    }
+}
+
+/* One row of the other factor against all blocks. */
+INLINE VEC sweep(const struct rows *rows, global float *sums, int outgoing, int update,
+                 int objective, const struct sizes s)
+{
+    VEC v[CHUNK * ROWS], w[CHUNK * ROWS];
+    VEC total = 0;
+    for (int b = 0; b < s.blocks; b++) {
+        VEC block_total = 0;
+        for (int e = 0; e < s.window; e += CHUNK) {
+            int count = min(CHUNK, s.window - e), j = 0;
+            for (; j + STEPS <= count; j += STEPS) {
+                block_total += phase_1_steps(rows, v + j * ROWS, w + j * ROWS, b, e + j, outgoing,
+                                             objective, s);
+            }
+            for (; j < count; j++) {
+                block_total += phase_1_one(rows, v + j * ROWS, w + j * ROWS, b, e + j, outgoing,
+                                           objective, s);
+            }
+            for (int t = 0; update && t < s.planes; t += GROUP) {
+                global VEC *group = (global VEC *)(sums + (b * s.planes + t) * ROWS * 2 * LANES);
+                phase_2(rows, v, w, group, b, e, count, t, outgoing, s);
+            }
+        }
+        total += block_total;
+    }
+    return total;
+}
+
+INLINE float add_lanes(VEC total)
+{
+    float lanes[LANES], sum = 0;
+    *(VEC *)lanes = total;
+    for (int i = 0; i < LANES; i++) {
+        sum += lanes[i];
+    }
+    return sum;
+}
+
+/* Multiply the item's rows by numerator / denominator. */
+INLINE void apply(global float *own, global const float *sums, int first, const struct sizes s)
+{
+    for (int r = 0; r < ROWS && first + r < s.height; r++) {
+        for (int b = 0; b < s.blocks; b++) {
+            IVEC inside = (IVEC)(s.width - b * LANES) > LANE_NUMBERS;
+            for (int t = 0; t < s.terms; t++) {
+                global VEC *value = (global VEC *)(own + ((first + r) * s.planes + t) * s.stride +
+                                                   s.pad + b * LANES);
+                global const VEC *pair =
+                    (global const VEC *)sums + ((b * s.planes + t) * ROWS + r) * 2;
+                VEC next = *value * pair[0] / (pair[1] + s.guard);
+                if (s.exponent != 1) {
+                    next = s.unit * pow(next / s.unit, (VEC)(s.exponent));
+                }
+                *value = select((VEC)(0), fmax(next, (VEC)(s.floor)), inside);
+            }
+        }
+    }
+}
+
+/* The update of one factor, the objective before it, or both. objectives: [items][window + ROWS - 1], one sum of
+ * W^2 (R - V)^2 for each row of the other factor. */
+INLINE void update(global const float *responses, global const ushort *mask,
+                   global const int *labels, global const float *kernels,
+                   global const float *inverses, global float *own, global const float *other,
+                   global float *scratch, global float *objectives, const struct sizes s,
+                   int outgoing, int change, int objective)
+{
+    const int item = get_global_id(0), first = item * ROWS, half_window = s.window / 2;
+    const int stop = min(s.height - 1, first + ROWS - 1 + half_window);
+    const size_t zeros = (size_t)s.lead + (size_t)s.height * s.window * s.row + s.lead;
+    global float *sums = scratch + (size_t)item * s.scratch;
+    global float *strips = sums + s.blocks * s.planes * ROWS * 2 * LANES;
+    int step = 0;
+    for (int i = 0; change && i < s.blocks * s.planes * ROWS * 2 * LANES; i++) {
+        sums[i] = 0;
+    }
+    for (int y = max(0, first - half_window); y <= stop; y++, step++) {
+        struct rows rows;
+        rows.other = other + y * s.planes * s.stride + s.pad;
+        for (int r = 0; r < ROWS; r++) {
+            const int own_y = first + r, lit_y = outgoing ? y : own_y;
+            const int v = (outgoing ? own_y - y : y - own_y) + half_window;
+            const int used = own_y < s.height && v >= 0 && v < s.window;
+            const size_t at =
+                used ? s.lead + ((size_t)lit_y * s.window + v) * (size_t)s.row : zeros;
+            rows.own[r] = own + own_y * s.planes * s.stride + s.pad;
+            rows.responses[r] = responses + at;
+            rows.mask[r] = mask + (MASKED ? at / LANES : 0);
+#if CLUSTERED
+            global float *strip = strips + r * (s.row + 2 * s.lead) + s.lead;
+            rows.g[r] = used ? strip : responses + zeros;
+            if (used) {
+                spread_kernels(strip, kernels, labels + lit_y * s.blocks * LANES, v, s);
+            }
+#else
+            rows.g[r] = kernels + (used ? v : s.window) * s.window;
+#endif
+            rows.inverse[r] = inverses + (used ? v : s.window) * s.window;
+        }
+        VEC total = sweep(&rows, sums, outgoing, change, objective, s);
+        if (objective) {
+            objectives[item * (s.window + ROWS - 1) + step] = add_lanes(total);
+        }
+    }
+    for (; objective && step < s.window + ROWS - 1; step++) {
+        objectives[item * (s.window + ROWS - 1) + step] = 0;
+    }
+    if (change) {
+        apply(own, sums, first, s);
+    }
+}
+
+#define ARGUMENTS                                                                                  \
+    global const float *responses, global const ushort *mask, global const int *labels,            \
+        global const float *kernels, global const float *inverses, global float *own,              \
+        global float *other, global float *scratch, global float *objectives,                      \
+        const struct sizes s
+
+/* The objective of F (own) and H as they are. */
+kernel void measure(ARGUMENTS)
+{
+    update(responses, mask, labels, kernels, inverses, own, other, scratch, objectives, s, 0, 0, 1);
+}
+
+/* The same, and the update of F (own). */
+kernel void update_f_measured(ARGUMENTS)
+{
+    update(responses, mask, labels, kernels, inverses, own, other, scratch, objectives, s, 0, 1, 1);
+}
+
+/* The update of F (own). */
+kernel void update_f(ARGUMENTS)
+{
+    update(responses, mask, labels, kernels, inverses, own, other, scratch, objectives, s, 0, 1, 0);
+}
+
+/* The update of H (own); other is F. */
+kernel void update_h(ARGUMENTS)
+{
+    update(responses, mask, labels, kernels, inverses, own, other, scratch, objectives, s, 1, 1, 0);
+}

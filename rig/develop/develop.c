@@ -1,0 +1,295 @@
+/* A session's frames made into a scan: calibration, then every grid pattern merged, cleaned, resampled and cut up. */
+#include "rig/develop/develop.h"
+
+#include "base/clock.h"
+#include "nacre/scan.h"
+#include "rig/develop/calibrate.h"
+#include "rig/develop/extract.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { NOISE_FRAMES = 4 }; /* black frames developed like grids to see their noise */
+
+/* Everything that the visitors of black and grid frames need. */
+struct development {
+    const struct session *session;
+    const struct calibration *calibration;
+    struct resampler *resampler;
+    struct nacre_scan_info info;
+    struct nacre_scan_writer *writer;
+    float *response;
+    struct extract_sums sums;
+    double squares; /* of the entries of developed black frames */
+    size_t entries;
+    size_t saturated, pixels;
+};
+
+static double now_seconds(void)
+{
+    struct clock clock = clock_monotonic();
+    return (double)clock_now_ns(&clock) * 1e-9;
+}
+
+static int work_frame(void *state, const struct merged *merged, float *result,
+                      struct nacre_error *error)
+{
+    const struct development *development = state;
+    black_level_subtract(&development->calibration->black, merged->radiance);
+    return resampler_apply(development->resampler, merged->radiance, result, error);
+}
+
+static int take_black(void *state, const struct merged *merged, const float *result,
+                      struct nacre_error *error)
+{
+    struct development *development = state;
+    size_t size = resampler_size(development->resampler);
+    (void)merged;
+    (void)error;
+    for (size_t i = 0; i < size; i++) {
+        if (!isnan(result[i])) {
+            development->squares += (double)result[i] * (double)result[i];
+            development->entries++;
+        }
+    }
+    return NACRE_OK;
+}
+
+static int take_grid(void *state, const struct merged *merged, const float *result,
+                     struct nacre_error *error)
+{
+    struct development *development = state;
+    const struct nacre_scan_info *info = &development->info;
+    const struct plan *plan = &development->session->plan;
+    int left;
+    int top;
+    plan_pattern_offset(plan, merged->pattern, &left, &top);
+    development->saturated += merged->saturated;
+    development->pixels += (size_t)merged->frames->width * (size_t)merged->frames->height;
+    for (int y = top; y < info->height; y += plan->grid_spacing) {
+        for (int x = left; x < info->width; x += plan->grid_spacing) {
+            extract_window(info, result, x, y, development->response, &development->sums);
+            int status = nacre_scan_write(development->writer, x, y, development->response, error);
+            if (status != NACRE_OK) {
+                return status;
+            }
+        }
+    }
+    return NACRE_OK;
+}
+
+static int check_plan(const struct session *session, struct nacre_error *error)
+{
+    const struct plan *plan = &session->plan;
+    if (plan->grid_spacing < plan->window) {
+        return nacre_fail(
+            error,
+            "%s: its windows of %d surface points overlap, as lit points are only %d apart; a "
+            "plan needs grid_spacing >= window",
+            session->path, plan->window, plan->grid_spacing);
+    }
+    for (int n = 0; n < plan_pattern_count(plan, PATTERN_GRID); n++) {
+        if (session_has(session, (struct pattern){PATTERN_GRID, n})) {
+            return NACRE_OK;
+        }
+    }
+    return nacre_fail(error, "%s: has no grid pattern in frames/; resume the scan to measure them",
+                      session->path);
+}
+
+static void describe(const struct session *session, const struct develop_options *options,
+                     int channels, struct nacre_scan_info *info)
+{
+    *info = (struct nacre_scan_info){.width = session->station.sample.width,
+                                     .height = session->station.sample.height,
+                                     .window = session->plan.window,
+                                     .channels = channels,
+                                     .pixel = options->store,
+                                     .compress = options->store == NACRE_HALF,
+                                     .pitch_mm = session->station.sample.pitch_mm};
+    (void)snprintf(info->source, sizeof info->source, "nacre develop --demosaic=%s --black=%s",
+                   demosaic_names[options->demosaic], black_mode_names[options->black]);
+}
+
+/* What one entry of R_d scatters by: black frames developed as if they were grids. They had their part in the mean
+ * that was taken off them, which hides 1/n of their variance. */
+static int measure_noise(struct development *development, struct visit_progress *progress,
+                         double *noise, struct nacre_error *error)
+{
+    struct visitor visitor = {.state = development,
+                              .result_size = resampler_size(development->resampler),
+                              .work = work_frame,
+                              .take = take_black};
+    int visited;
+    int missing;
+    int status = visit_patterns(development->session, PATTERN_BLACK, NOISE_FRAMES,
+                                &development->calibration->noise, &visitor, progress, &visited,
+                                &missing, error);
+    double frames = development->calibration->black_frames;
+    *noise = frames > 1 && development->entries
+                 ? sqrt(development->squares / (double)development->entries * frames / (frames - 1))
+                 : NAN;
+    return status;
+}
+
+static int check_light(const struct development *development, double noise,
+                       struct nacre_error *error)
+{
+    const struct extract_sums *sums = &development->sums;
+    const char *path = development->session->path;
+    if (sums->missing == sums->entries) {
+        return nacre_fail(
+            error,
+            "%s: every grid frame is saturated at every exposure; scan with a shorter exposure or "
+            "a smaller aperture",
+            path);
+    }
+    double count = (double)sums->responses * development->info.channels;
+    double mean = sums->centre / count;
+    if (!(mean > 5 * noise / sqrt(count))) {
+        return isnan(noise) && mean > 0
+                   ? NACRE_OK
+                   : nacre_fail(error,
+                                "%s: the grid frames show no light where points were lit (R_d "
+                                "%.2g, noise %.2g); "
+                                "was the projector on and the white layer taken off?",
+                                path, mean, noise);
+    }
+    return NACRE_OK;
+}
+
+static double pixels_per_point(const struct homography *map, double x, double y)
+{
+    struct point a = homography_apply(map, (struct point){x - 0.5, y});
+    struct point b = homography_apply(map, (struct point){x + 0.5, y});
+    return hypot(b.x - a.x, b.y - a.y);
+}
+
+static void fill_report(const struct development *development, struct develop_report *report)
+{
+    const struct calibration *calibration = development->calibration;
+    const struct nacre_scan_info *info = &development->info;
+    const struct extract_sums *sums = &development->sums;
+    report->width = info->width;
+    report->height = info->height;
+    report->window = info->window;
+    report->channels = info->channels;
+    report->white_frames = calibration->white_frames;
+    report->black_frames = calibration->black_frames;
+    report->dots_frames = calibration->dots_frames;
+    report->responses = sums->responses;
+    report->missing_entries = sums->missing;
+    report->saturated_share = (double)development->saturated / (double)development->pixels;
+    report->black_level = calibration->black_median;
+    report->frame_noise = calibration->noise_median;
+    report->centre = sums->centre / ((double)sums->responses * info->channels);
+    report->rim_share = extract_rim_share(sums, info->window);
+    report->overlap = extract_overlap(sums, info->window);
+    report->pixels_per_point =
+        pixels_per_point(&calibration->map, info->width / 2.0, info->height / 2.0);
+    report->linearity = calibration->linearity;
+    report->align = calibration->align;
+    report->white_seconds = calibration->white_seconds;
+    report->black_seconds = calibration->black_seconds;
+    report->dots_seconds = calibration->dots_seconds;
+}
+
+static int develop_grids(struct development *development, const char *output,
+                         struct visit_progress *progress, struct develop_report *report,
+                         struct nacre_error *error)
+{
+    struct visitor visitor = {.state = development,
+                              .result_size = resampler_size(development->resampler),
+                              .work = work_frame,
+                              .take = take_grid};
+    int status = nacre_scan_create(output, &development->info, &development->writer, error);
+    if (status != NACRE_OK) {
+        return status;
+    }
+    status =
+        visit_patterns(development->session, PATTERN_GRID, 0, &development->calibration->noise,
+                       &visitor, progress, &report->patterns, &report->missing_patterns, error);
+    if (status == NACRE_OK) {
+        status = check_light(development, report->noise, error);
+    }
+    if (status == NACRE_OK) {
+        status = nacre_scan_commit(development->writer, error);
+        development->writer = NULL;
+    }
+    return status;
+}
+
+static double count_patterns(const struct session *session)
+{
+    double total = 0;
+    for (int kind = 0; kind < PATTERN_KINDS; kind++) {
+        int count = plan_pattern_count(&session->plan, (enum pattern_kind)kind);
+        for (int n = 0; n < count; n++) {
+            total += session_has(session, (struct pattern){(enum pattern_kind)kind, n}) ? 1 : 0;
+        }
+    }
+    return total + NOISE_FRAMES;
+}
+
+int develop_session(const char *session_path, const struct develop_options *options,
+                    const char *output, struct progress *progress, struct develop_report *report,
+                    struct nacre_error *error)
+{
+    struct session session = {0};
+    struct calibration calibration = {0};
+    struct development development = {.session = &session, .calibration = &calibration};
+    struct develop_report own = {0};
+    double began = now_seconds();
+    int status = session_open(session_path, &session, error);
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    status = check_plan(&session, error);
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    struct visit_progress visits = {progress, 0, count_patterns(&session)};
+    status = calibrate(&session, options->black, options->confidence, &visits, &calibration, error);
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    describe(&session, options, calibration.flat.channels, &development.info);
+    double mapped = now_seconds();
+    status =
+        resampler_new(&calibration.flat, &calibration.map, development.info.width,
+                      development.info.height, options->demosaic, &development.resampler, error);
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    status = measure_noise(&development, &visits, &own.noise, error);
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    own.map_seconds = now_seconds() - mapped;
+    development.response =
+        malloc(nacre_scan_response_size(&development.info) * sizeof *development.response);
+    if (!development.response) {
+        status = nacre_fail_memory(error, "a response");
+        goto out;
+    }
+    double grids = now_seconds();
+    status = develop_grids(&development, output, &visits, &own, error);
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    fill_report(&development, &own);
+    own.grid_seconds = now_seconds() - grids;
+    own.total_seconds = now_seconds() - began;
+    if (report) {
+        *report = own;
+    }
+out:
+    nacre_scan_discard(development.writer);
+    free(development.response);
+    resampler_free(development.resampler);
+    calibration_finish(&calibration);
+    session_finish(&session);
+    return status;
+}

@@ -1,0 +1,45 @@
+/* A session's frames made into a scan: calibration, then every grid pattern merged, cleaned, resampled and cut up. */
+#ifndef RIG_DEVELOP_DEVELOP_H
+#define RIG_DEVELOP_DEVELOP_H
+
+#include "base/progress.h"
+#include "nacre/error.h"
+#include "nacre/pixel.h"
+#include "rig/develop/align.h"
+#include "rig/develop/black.h"
+#include "rig/develop/linearity.h"
+#include "rig/develop/resample.h"
+
+struct develop_options {
+    enum black_mode black;
+    double confidence; /* of BLACK_CLIP, one-sided */
+    enum demosaic demosaic;
+    enum nacre_pixel store; /* NACRE_FLOAT or NACRE_HALF */
+};
+
+struct develop_report {
+    int width, height, window, channels;
+    int patterns, missing_patterns; /* grids */
+    int white_frames, black_frames, dots_frames;
+    size_t responses;        /* measured */
+    size_t missing_entries;  /* inside the sample, of measured responses: NaN */
+    double saturated_share;  /* of the grid frames' pixels, at every exposure */
+    double black_level;      /* median, raw units a second */
+    double frame_noise;      /* median deviation of one merged black frame, raw units a second */
+    double noise;            /* deviation of an entry of a response without light: of R_d */
+    double centre;           /* mean entry of the lit points themselves */
+    double rim_share;        /* of a response's energy, on the rim of its window */
+    double overlap;          /* of a response's energy, estimated to fall outside its window */
+    double pixels_per_point; /* camera pixels along a surface point in the middle */
+    struct linearity_report linearity;
+    struct align_report align;
+    double white_seconds, black_seconds, dots_seconds, map_seconds, grid_seconds, total_seconds;
+};
+
+/* Develop the session at `session_path` into the scan `output`, which appears whole or not at all. `report` may be
+ * NULL. The scan is the same for any number of threads. */
+int develop_session(const char *session_path, const struct develop_options *options,
+                    const char *output, struct progress *progress, struct develop_report *report,
+                    struct nacre_error *error);
+
+#endif

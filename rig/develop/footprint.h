@@ -1,0 +1,29 @@
+/* Which surface points each camera pixel sees, and how much of its view each takes. */
+#ifndef RIG_DEVELOP_FOOTPRINT_H
+#define RIG_DEVELOP_FOOTPRINT_H
+
+#include "nacre/error.h"
+#include "rig/develop/homography.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+/* Sparse rows: pixel i sees points[k] with share[k] for k from start[i] to start[i + 1]. Zero-initialised it is
+ * empty; footprints_finish frees. */
+struct footprints {
+    size_t pixels;
+    size_t *start;    /* [pixels + 1] */
+    uint32_t *points; /* y * surface width + x */
+    float *
+        share; /* of the pixel's view of the sample: adds up to 1 for each pixel that sees it at all */
+    float *inside; /* [pixels]: how much of the whole view is sample */
+};
+
+/* Map each of width x height camera pixels onto the surface of surface_width x surface_height points and intersect
+ * with the points' squares. */
+int footprints_init(struct footprints *footprints, const struct homography *surface_to_camera,
+                    int width, int height, int surface_width, int surface_height,
+                    struct nacre_error *error);
+void footprints_finish(struct footprints *footprints);
+
+#endif

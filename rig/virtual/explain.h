@@ -1,0 +1,24 @@
+/* What the light transport simulates of a sample, what it leaves out, why, and at what cost. */
+#ifndef RIG_VIRTUAL_EXPLAIN_H
+#define RIG_VIRTUAL_EXPLAIN_H
+
+#include "nacre/error.h"
+#include "rig/virtual/sample.h"
+#include "rig/virtual/transport.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+
+struct effect {
+    char name[48];
+    bool simulated;
+    int line;       /* of the sample file that calls for it; 0: none does */
+    double seconds; /* estimated cost on one core; 0: nothing beyond the other effects' */
+    char reason[160];
+};
+
+/* The effects of a sample whose responses are to have a K x K window; *effects is heap memory. */
+int explain_effects(const struct sample *sample, const struct transport *transport, int window,
+                    struct effect **effects, size_t *count, struct nacre_error *error);
+
+#endif

@@ -1,0 +1,112 @@
+/* sample.yaml: a slab of translucent material, what it is made of and what lies in it. */
+#ifndef RIG_VIRTUAL_SAMPLE_H
+#define RIG_VIRTUAL_SAMPLE_H
+
+#include "base/settings.h"
+#include "nacre/error.h"
+
+#include <stddef.h>
+
+/* A homogeneous medium. Scattering and absorption are what counts once a file is read: where the file gives albedo and
+ * mean free path, sample_read computes them from these. */
+struct sample_material {
+    char *name;
+    double scattering_per_mm[3], absorption_per_mm[3]; /* R G B */
+    double albedo[3], mean_free_path_mm[3];
+    double anisotropy[3]; /* mean cosine of the scattering angle */
+    double index;         /* of refraction */
+    int line, scattering_line, absorption_line, albedo_line, mean_free_path_line, anisotropy_line,
+        index_line;
+};
+
+/* A line of some width: through points, or straight at an angle through one. */
+struct sample_vein {
+    double *points_mm; /* x0 y0 x1 y1 ...; heap */
+    size_t point_count;
+    double width_mm;
+    int points_line, line;
+};
+
+/* Parallel stripes. */
+struct sample_bands {
+    double angle_deg; /* of the stripes: 0 runs along x */
+    double period_mm;
+    double fraction; /* of a period that is painted */
+    double start_mm; /* where the first painted stripe begins */
+    int line;
+};
+
+/* A chessboard; the square that begins at the origin is painted. */
+struct sample_checker {
+    double square_mm;
+    double origin_mm[2];
+    int line;
+};
+
+/* Voronoi cells around scattered points; a share of them is painted, or the seams between all of them. */
+struct sample_cells {
+    double size_mm;  /* mean distance between neighbouring cells */
+    double fraction; /* of the cells that are painted */
+    double seam_mm;  /* above 0: paint seams of this width instead */
+    int line;
+};
+
+/* Smooth noise; painted where it is high. */
+struct sample_clouds {
+    double size_mm;  /* of the largest clouds */
+    double fraction; /* of the volume that is painted, roughly */
+    int octaves;
+    int line;
+};
+
+/* A region painted with a material; without a shape it is a layer. */
+struct sample_inclusion {
+    char *material;
+    double depth_mm[2];    /* from, to */
+    double wander_mm;      /* how far its outline strays */
+    double wander_size_mm; /* over what length */
+    double lean[2];        /* shift in x and y for each mm of depth */
+    int seed;
+    struct sample_vein vein;
+    struct sample_bands bands;
+    struct sample_checker checker;
+    struct sample_cells cells;
+    struct sample_clouds clouds;
+    int line, material_line, depth_line, wander_line, lean_line;
+    size_t material_index; /* set by sample_read */
+};
+
+/* The solver's resolution, where the file sets it. */
+struct sample_voxels {
+    int subdivide;   /* voxels along a surface point; 0: chosen from the mean free paths */
+    int depth_cells; /* voxels along the depth; 0: chosen likewise */
+};
+
+struct sample {
+    int width, height;   /* surface points */
+    double pitch_mm;     /* between surface points */
+    double thickness_mm; /* of the slab; light that leaves through its bottom is lost */
+    int margin_points;   /* by which the slab goes on beyond the sample on every side */
+    char *base;          /* the material that fills the slab */
+    struct sample_voxels voxels;
+    struct sample_material *materials;
+    size_t material_count;
+    struct sample_inclusion *inclusions; /* painted in this order */
+    size_t inclusion_count;
+    int thickness_line, margin_line, base_line, voxels_line;
+    size_t base_index; /* set by sample_read */
+};
+
+extern const struct settings_schema sample_schema;
+
+/* Read and check a sample file; sample_finish frees. */
+int sample_read(const char *path, struct sample *sample, struct nacre_error *error);
+void sample_finish(struct sample *sample);
+
+/* The shortest reduced mean free path 1 / (absorption + (1 - g) scattering) of any material and channel, in mm. */
+double sample_shortest_path_mm(const struct sample *sample);
+
+/* The index of the material at a place: x and y from the sample's corner, z from its surface down, in mm. */
+size_t sample_material_at(const struct sample *sample, const double place_mm[3]);
+
+#endif

@@ -1,0 +1,221 @@
+/* Running the built programs as a user does, and looking at what they print and leave behind. */
+#include "tests/cmd/spawn.h"
+
+#include <dirent.h>
+#include <fcntl.h>
+#include <signal.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/resource.h>
+#include <sys/stat.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+/* A test that cannot set itself up must not go on. */
+static void demand(bool held, const char *what)
+{
+    if (!held) {
+        perror(what);
+        abort();
+    }
+}
+
+static char *read_descriptor(int descriptor)
+{
+    struct stat status;
+    demand(fstat(descriptor, &status) == 0, "fstat");
+    size_t size = (size_t)status.st_size;
+    char *text = calloc(1, size + 1);
+    demand(text && pread(descriptor, text, size, 0) == (ssize_t)size, "pread");
+    return text;
+}
+
+static int temporary(void)
+{
+    int descriptor = open("/tmp", O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
+    demand(descriptor >= 0, "/tmp");
+    return descriptor;
+}
+
+_Noreturn static void become(const char *const *arguments, int output, int errors,
+                             size_t file_limit)
+{
+    (void)dup2(output, STDOUT_FILENO);
+    (void)dup2(errors, STDERR_FILENO);
+    if (file_limit) {
+        struct rlimit limit = {.rlim_cur = file_limit, .rlim_max = file_limit};
+        (void)setrlimit(RLIMIT_FSIZE, &limit);
+        (void)signal(SIGXFSZ, SIG_IGN); /* so that write fails with EFBIG instead */
+    }
+    (void)execv(arguments[0], (char **)(size_t)arguments);
+    perror(arguments[0]);
+    _exit(99);
+}
+
+static void sleep_ms(int time_ms)
+{
+    struct timespec wait = {.tv_sec = time_ms / 1000, .tv_nsec = time_ms % 1000 * 1000000L};
+    (void)nanosleep(&wait, NULL);
+}
+
+/* Send SIGINT as the circumstances want; a file that never comes is waited for in vain for a minute. */
+static void interrupt(pid_t child, const struct circumstances *around)
+{
+    for (int i = 0; around->interrupt_path && i < 6000; i++) {
+        if (access(around->interrupt_path, F_OK) == 0) {
+            break;
+        }
+        sleep_ms(10);
+    }
+    if (around->interrupt_path || around->interrupt_ms) {
+        sleep_ms(around->interrupt_ms);
+        (void)kill(child, SIGINT);
+    }
+}
+
+struct spawned spawn(const char *const *arguments, const struct circumstances *around)
+{
+    static const struct circumstances none = {0};
+    struct spawned run = {0};
+    int output = temporary();
+    int errors = temporary();
+    int status = 0;
+    (void)fflush(stdout);
+    around = around ? around : &none;
+    pid_t child = fork();
+    demand(child >= 0, "fork");
+    if (child == 0) {
+        become(arguments, output, errors, around->file_limit);
+    }
+    interrupt(child, around);
+    demand(waitpid(child, &status, 0) == child, "waitpid");
+    run.status = WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+    run.output = read_descriptor(output);
+    run.errors = read_descriptor(errors);
+    (void)close(output);
+    (void)close(errors);
+    return run;
+}
+
+void spawned_finish(struct spawned *run)
+{
+    free(run->output);
+    free(run->errors);
+    *run = (struct spawned){0};
+}
+
+char *path_join(const char *folder, const char *name)
+{
+    char *path = NULL;
+    demand(asprintf(&path, "%s/%s", folder, name) >= 0, "asprintf");
+    return path;
+}
+
+char *folder_make(void)
+{
+    const char *base = getenv("TMPDIR");
+    char *folder = path_join(base && *base ? base : "/tmp", "nacre-test-XXXXXX");
+    demand(mkdtemp(folder) != NULL, folder);
+    return folder;
+}
+
+static int keep_real(const struct dirent *entry)
+{
+    return strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0;
+}
+
+/* Call `visit` for everything below `folder`, in order, children before their folder. */
+static void walk(const char *folder, void (*visit)(const char *path, const struct stat *, void *),
+                 void *context)
+{
+    struct dirent **entries = NULL;
+    int count = scandir(folder, &entries, keep_real, alphasort);
+    for (int i = 0; i < count; i++) {
+        struct stat status;
+        char *path = path_join(folder, entries[i]->d_name);
+        if (lstat(path, &status) == 0) {
+            if (S_ISDIR(status.st_mode)) {
+                walk(path, visit, context);
+            }
+            visit(path, &status, context);
+        }
+        free(path);
+        free(entries[i]);
+    }
+    free(entries);
+}
+
+static void remove_entry(const char *path, const struct stat *status, void *context)
+{
+    (void)status;
+    (void)context;
+    (void)remove(path); /* what stays is seen by the rmdir of the whole */
+}
+
+void folder_remove(char *folder)
+{
+    if (folder) {
+        walk(folder, remove_entry, NULL);
+        demand(rmdir(folder) == 0, folder);
+        free(folder);
+    }
+}
+
+static void describe_entry(const char *path, const struct stat *status, void *context)
+{
+    FILE *text = context;
+    uint64_t hash = 14695981039346656037U; /* FNV-1a */
+    if (S_ISREG(status->st_mode)) {
+        size_t size = 0;
+        uint8_t *bytes = file_read(path, &size);
+        for (size_t i = 0; bytes && i < size; i++) {
+            hash = (hash ^ bytes[i]) * 1099511628211U;
+        }
+        free(bytes);
+    }
+    (void)fprintf(text, "%s %ld %016llx\n", path,
+                  S_ISREG(status->st_mode) ? (long)status->st_size : -1L, (unsigned long long)hash);
+}
+
+char *folder_describe(const char *folder)
+{
+    char *text = NULL;
+    size_t size = 0;
+    FILE *memory = open_memstream(&text, &size);
+    demand(memory != NULL, "open_memstream");
+    walk(folder, describe_entry, memory);
+    (void)fclose(memory);
+    return text;
+}
+
+uint8_t *file_read(const char *path, size_t *size)
+{
+    uint8_t *bytes = NULL;
+    FILE *file = fopen(path, "re");
+    *size = 0;
+    if (file) {
+        struct stat status;
+        demand(fstat(fileno(file), &status) == 0, path);
+        bytes = calloc(1, (size_t)status.st_size + 1);
+        demand(bytes != NULL, path);
+        *size = fread(bytes, 1, (size_t)status.st_size, file);
+        (void)fclose(file);
+    }
+    return bytes;
+}
+
+void file_write(const char *path, const void *bytes, size_t size)
+{
+    FILE *file = fopen(path, "we");
+    demand(file != NULL, path);
+    demand(fwrite(bytes, 1, size, file) == size, path);
+    demand(fclose(file) == 0, path);
+}
+
+void text_write(const char *path, const char *text)
+{
+    file_write(path, text, strlen(text));
+}

@@ -1,0 +1,80 @@
+/* Settings files of a small virtual station, and a small scene. */
+#include "tests/cmd/stations.h"
+
+#include "tests/cmd/spawn.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+static const char sample[] = "width: 16\n"
+                             "height: 12\n"
+                             "pitch_mm: 1\n"
+                             "thickness_mm: 8\n"
+                             "margin_points: 3\n"
+                             "base: light\n"
+                             "materials:\n"
+                             "  - name: light\n"
+                             "    scattering_per_mm: [2.4, 2.3, 2.1]\n"
+                             "    absorption_per_mm: [0.05, 0.1, 0.3]\n"
+                             "  - name: red\n"
+                             "    scattering_per_mm: [2.9, 2.7, 2.6]\n"
+                             "    absorption_per_mm: [0.1, 0.6, 1.0]\n"
+                             "inclusions:\n"
+                             "  - material: red\n"
+                             "    bands: {angle_deg: 35, period_mm: 9, fraction: 0.5}\n";
+
+static const char plan[] = "seed: 5\n"
+                           "black_frames: 16\n"
+                           "white_frames: 2\n"
+                           "dot_spacing: 6\n"
+                           "dot_shift: 3\n"
+                           "grid_spacing: 6\n"
+                           "window: 5\n"
+                           "exposure_turns: [1, 8, 60]\n";
+
+static const char station[] =
+    "sample: {width: 16, height: 12, pitch_mm: 1}\n"
+    "camera: {driver: virtual, width: 84, height: 68, bits: 10, bayer: RGGB, pedestal: 16,\n"
+    "         read_noise: 0.5}\n"
+    "projector: {driver: virtual, wheel_hz: 30}\n"
+    "trigger: {driver: virtual}\n"
+    "white_reflectance: 0.9\n"
+    "plan: plan.yaml\n"
+    "virtual:\n"
+    "  sample: sample.yaml\n"
+    "  seed: 11\n"
+    "  projector: {contrast: 2000, vignetting: 0.1}\n"
+    "  camera: {elevation_deg: 12, pixels_per_point: 4}\n";
+
+static void write_into(const char *folder, const char *name, const char *text)
+{
+    char *path = path_join(folder, name);
+    text_write(path, text);
+    free(path);
+}
+
+void stations_write(const char *folder)
+{
+    write_into(folder, "station.yaml", station);
+    write_into(folder, "plan.yaml", plan);
+    write_into(folder, "sample.yaml", sample);
+}
+
+void stations_write_scene(const char *path, const char *material)
+{
+    char *text = NULL;
+    if (asprintf(&text,
+                 "image: {width: 32, height: 24}\n"
+                 "camera: {position: [0, -40, 30], at: [0, 0, 0], angle_deg: 30}\n"
+                 "lights:\n"
+                 "  - {kind: point, position: [-20, -20, 40], at: [0, 0, 0], irradiance: 1}\n"
+                 "objects:\n"
+                 "  - shape: quad\n"
+                 "    size: [10, 7, 0]\n"
+                 "    material: {file: %s, mapping: planar}\n",
+                 material) < 0) {
+        abort();
+    }
+    text_write(path, text);
+    free(text);
+}
