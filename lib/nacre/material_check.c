@@ -75,8 +75,9 @@ static size_t first_wrong(const float *values, size_t count, enum nacre_pixel pi
 
 /* One part's planes: values[planes][height][width], named by their first plane's number and
  * channel. */
-static int check_planes(const char *part, const float *values, size_t planes, int width, int height,
-                        int channels, enum nacre_pixel pixel, struct nacre_error *error)
+static int check_planes(const char *part, const char *item, const float *values, size_t planes,
+                        int width, int height, int channels, enum nacre_pixel pixel,
+                        struct nacre_error *error)
 {
     size_t size = (size_t)width * (size_t)height;
     size_t wrong = first_wrong(values, planes * size, pixel);
@@ -86,9 +87,9 @@ static int check_planes(const char *part, const float *values, size_t planes, in
     size_t plane = wrong / size;
     size_t pixel_index = wrong % size;
     return nacre_fail(error,
-                      "part %s: plane %zu, channel %s: the value at (%zu, %zu) is %g; it must be "
+                      "part %s: %s %zu, channel %s: the value at (%zu, %zu) is %g; it must be "
                       "finite, not negative%s",
-                      part, plane / (size_t)channels,
+                      part, item, plane / (size_t)channels,
                       material_channel_name(channels, (int)(plane % (size_t)channels)),
                       pixel_index % (size_t)width, pixel_index / (size_t)width,
                       (double)values[wrong],
@@ -140,20 +141,20 @@ int material_check_values(const struct nacre_material *material, struct nacre_er
     int factors = material->factor_channels;
     size_t planes = (size_t)material->terms * (size_t)factors;
     int count = nacre_material_kernel_count(material);
-    int status =
-        check_planes("F", material->f, planes, width, height, factors, material->pixel, error);
+    int status = check_planes("F", "term", material->f, planes, width, height, factors,
+                              material->pixel, error);
     if (status == NACRE_OK && material->h) {
-        status =
-            check_planes("H", material->h, planes, width, height, factors, material->pixel, error);
+        status = check_planes("H", "term", material->h, planes, width, height, factors,
+                              material->pixel, error);
     }
     if (status == NACRE_OK) {
-        status = check_planes("kernel", material->kernels,
+        status = check_planes("kernel", "kernel", material->kernels,
                               (size_t)count * (size_t)material->channels, material->window,
                               material->window, material->channels, NACRE_FLOAT, error);
     }
     if (status == NACRE_OK && material->centre) {
-        status = check_planes("centre", material->centre, (size_t)material->channels, width, height,
-                              material->channels, material->pixel, error);
+        status = check_planes("centre", "plane", material->centre, (size_t)material->channels,
+                              width, height, material->channels, material->pixel, error);
     }
     size_t points = (size_t)width * (size_t)height;
     for (size_t i = 0; material->mixed > 0 && i < points && status == NACRE_OK; i++) {
