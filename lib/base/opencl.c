@@ -1,13 +1,13 @@
 /* Choosing an OpenCL device and building embedded kernels for it. */
 #include "base/opencl.h"
 
-#include <ctype.h>
 #include <errno.h>
 #include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
+#include <unistd.h>
 
 enum { MAX_PLATFORMS = 16, MAX_DEVICES = 64, LOG_SHOWN = 700 };
 
@@ -154,16 +154,15 @@ int opencl_open(const char *selector, struct opencl *opencl, struct nacre_error 
     (void)clGetDeviceInfo(opencl->device, CL_DEVICE_MAX_COMPUTE_UNITS, sizeof opencl->compute_units,
                           &opencl->compute_units, NULL);
     opencl->context = clCreateContext(NULL, 1, &opencl->device, NULL, NULL, &status);
-    if (opencl_check(opencl, status, "cannot create a context", error) != NACRE_OK) {
-        opencl_close(opencl);
-        return NACRE_FAILED;
+    int result = opencl_check(opencl, status, "cannot create a context", error);
+    if (result == NACRE_OK) {
+        opencl->queue = clCreateCommandQueue(opencl->context, opencl->device, 0, &status);
+        result = opencl_check(opencl, status, "cannot create a command queue", error);
     }
-    opencl->queue = clCreateCommandQueue(opencl->context, opencl->device, 0, &status);
-    if (opencl_check(opencl, status, "cannot create a command queue", error) != NACRE_OK) {
+    if (result != NACRE_OK) {
         opencl_close(opencl);
-        return NACRE_FAILED;
     }
-    return NACRE_OK;
+    return result;
 }
 
 void opencl_close(struct opencl *opencl)
@@ -177,32 +176,51 @@ void opencl_close(struct opencl *opencl)
     *opencl = (struct opencl){0};
 }
 
-/* The text of NAME in NACRE_CL_DIR, on the heap with a #line in front. */
-static char *read_override(const char *folder, const char *name, struct nacre_error *error)
+/* The rest of a stream with a #line in front, on the heap; NULL with errno set where that fails. */
+static char *read_source(FILE *file, const char *path)
 {
-    char path[PATH_MAX];
     char *text = NULL;
     size_t size = 0;
-    (void)snprintf(path, sizeof path, "%s/%s", folder, name);
-    FILE *file = fopen(path, "re");
-    if (!file) {
-        (void)nacre_fail_errno(error, errno, "NACRE_CL_DIR: cannot read %s", path);
+    int c = 0;
+    FILE *memory = open_memstream(&text, &size);
+    if (!memory) {
         return NULL;
     }
-    FILE *memory = open_memstream(&text, &size);
-    if (memory) {
-        int c = 0;
-        (void)fprintf(memory, "#line 1 \"%s\"\n", path);
-        while ((c = fgetc(file)) != EOF) {
-            (void)fputc(c, memory);
-        }
-        (void)fclose(memory);
+    (void)fprintf(memory, "#line 1 \"%s\"\n", path);
+    while ((c = fgetc(file)) != EOF) {
+        (void)fputc(c, memory);
     }
-    if (!text) {
-        (void)nacre_fail_memory(error, path);
+    if (fclose(memory) != 0 || ferror(file)) {
+        free(text);
+        return NULL;
     }
-    (void)fclose(file);
     return text;
+}
+
+/* The text of the file `name` in NACRE_CL_DIR: *text stays NULL where the variable is not set or the folder holds no
+ * such file, so that a folder may hold only what is being worked on. */
+static int read_override(const char *name, char **text, struct nacre_error *error)
+{
+    char path[PATH_MAX];
+    const char *folder = getenv("NACRE_CL_DIR");
+    *text = NULL;
+    if (!folder || !*folder) {
+        return NACRE_OK;
+    }
+    if (access(folder, X_OK) != 0) {
+        return nacre_fail_errno(error, errno, "NACRE_CL_DIR: cannot use %s", folder);
+    }
+    (void)snprintf(path, sizeof path, "%s/%s", folder, name);
+    FILE *file = fopen(path, "re");
+    if (!file && errno == ENOENT) {
+        return NACRE_OK;
+    }
+    *text = file ? read_source(file, path) : NULL;
+    int number = errno;
+    if (file) {
+        (void)fclose(file);
+    }
+    return *text ? NACRE_OK : nacre_fail_errno(error, number, "NACRE_CL_DIR: cannot read %s", path);
 }
 
 static int report_build_failure(const struct opencl *opencl, const char *name, cl_program program,
@@ -224,16 +242,11 @@ static int report_build_failure(const struct opencl *opencl, const char *name, c
 int opencl_build(const struct opencl *opencl, const struct opencl_source *source,
                  const char *options, cl_program *program, struct nacre_error *error)
 {
-    const char *folder = getenv("NACRE_CL_DIR");
     char *replaced = NULL;
     cl_int status = CL_SUCCESS;
-    int result = NACRE_FAILED;
     *program = NULL;
-    if (folder && *folder) {
-        replaced = read_override(folder, source->name, error);
-        if (!replaced) {
-            return NACRE_FAILED;
-        }
+    if (read_override(source->name, &replaced, error) != NACRE_OK) {
+        return NACRE_FAILED;
     }
     /* OpenCL 1.2's prototype lacks a const that every implementation honours. */
     *program =
@@ -241,7 +254,7 @@ int opencl_build(const struct opencl *opencl, const struct opencl_source *source
             ? clCreateProgramWithSource(opencl->context, 1, (const char **)&replaced, NULL, &status)
             : clCreateProgramWithSource(opencl->context, (cl_uint)source->line_count,
                                         (const char **)(size_t)source->lines, NULL, &status);
-    result = opencl_check(opencl, status, source->name, error);
+    int result = opencl_check(opencl, status, source->name, error);
     if (result == NACRE_OK) {
         status = clBuildProgram(*program, 1, &opencl->device, options, NULL, NULL);
         if (status != CL_SUCCESS) {

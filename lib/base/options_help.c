@@ -171,7 +171,8 @@ static void print_program_man(const struct program *program, FILE *file)
     (void)fputs(
         ".SH ENVIRONMENT\n"
         ".TP\n.B NACRE_DEVICE\nThe OpenCL device to compute on where \\-\\-device is not given.\n"
-        ".TP\n.B NACRE_CL_DIR\nA folder of OpenCL sources to use instead of the built\\-in ones.\n"
+        ".TP\n.B NACRE_CL_DIR\nA folder whose OpenCL sources are used instead of the built\\-in "
+        "ones of the same name.\n"
         ".TP\n.B SOURCE_DATE_EPOCH\nThe date to record in outputs, in seconds since 1970.\n",
         file);
 }

@@ -6,6 +6,7 @@
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
+#include <sys/ioctl.h>
 #include <unistd.h>
 
 enum { BAR_WIDTH = 24, REDRAW_NS = 100000000 };
@@ -58,11 +59,19 @@ static void format_seconds(double seconds, char *text, size_t size)
     }
 }
 
+/* The columns of the terminal; a longer line would not be wiped. */
+static int terminal_width(void)
+{
+    struct winsize size = {0};
+    return ioctl(STDERR_FILENO, TIOCGWINSZ, &size) == 0 && size.ws_col > 0 ? size.ws_col : 80;
+}
+
 static void draw(struct progress *progress, double fraction, const char *detail)
 {
     double elapsed = (double)(progress->shown_ns - progress->started_ns) * 1e-9;
     char bar[BAR_WIDTH + 1];
     char left[32] = "";
+    char line[256];
     int filled = (int)(fraction * BAR_WIDTH);
     memset(bar, ' ', BAR_WIDTH);
     memset(bar, '#', (size_t)filled);
@@ -70,9 +79,10 @@ static void draw(struct progress *progress, double fraction, const char *detail)
     if (fraction > 0.01 && elapsed > 1) {
         format_seconds(elapsed / fraction - elapsed, left, sizeof left);
     }
-    (void)fprintf(stderr, "\r\033[K%s [%s] %3.0f %%%s%s%s%s%s", progress->task, bar, 100 * fraction,
-                  *left ? ", " : "", left, *left ? " left" : "", detail ? ", " : "",
-                  detail ? detail : "");
+    (void)snprintf(line, sizeof line, "%s [%s] %3.0f %%%s%s%s%s%s", progress->task, bar,
+                   100 * fraction, *left ? ", " : "", left, *left ? " left" : "",
+                   detail ? ", " : "", detail ? detail : "");
+    (void)fprintf(stderr, "\r\033[K%.*s", terminal_width() - 1, line);
     (void)fflush(stderr);
 }
 
@@ -88,7 +98,7 @@ int progress_step(struct progress *progress, double done, double total, const ch
         double fraction = total > 0 ? done / total : 0;
         if (now - progress->shown_ns >= REDRAW_NS) {
             progress->shown_ns = now;
-            draw(progress, fraction < 0 ? 0 : fraction > 1 ? 1 : fraction, detail);
+            draw(progress, fraction > 1 ? 1 : fraction > 0 ? fraction : 0, detail); /* NaN is 0 */
         }
     }
     return NACRE_OK;
