@@ -2,7 +2,7 @@
 #ifndef TESTS_CMD_STATIONS_H
 #define TESTS_CMD_STATIONS_H
 
-enum { STATION_WIDTH = 16, STATION_HEIGHT = 12 };
+enum { STATION_WIDTH = 16, STATION_HEIGHT = 12, STATION_GRIDS = 36 };
 
 /* Write FOLDER/station.yaml, plan.yaml and sample.yaml: 16 x 12 points of two materials, a 5 x 5 window. */
 void stations_write(const char *folder);

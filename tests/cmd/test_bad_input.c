@@ -22,6 +22,7 @@ static bool can_mount;
 
 /* Of one case: its folder, and the paths it made up. */
 static char *folder;
+static char *mounted; /* a disk mounted in it, or NULL */
 static char *paths[PATHS];
 static size_t path_count;
 
@@ -48,6 +49,10 @@ void setUp(void)
 
 void tearDown(void)
 {
+    if (mounted) {
+        mounts_remove(mounted);
+        mounted = NULL;
+    }
     for (; path_count; path_count--) {
         free(paths[path_count - 1]);
     }
@@ -323,14 +328,13 @@ static void an_output_folder_that_cannot_be_written_is_refused(void)
     char *below = output("locked");
     TEST_ASSERT_EQUAL_INT(0, mkdir(below, 0755));
     if (can_mount) {
-        TEST_ASSERT_TRUE(mounts_disk(below, 65536) && mounts_make_read_only(below));
+        TEST_ASSERT_TRUE(mounts_disk(below, 65536));
+        mounted = below;
+        TEST_ASSERT_TRUE(mounts_make_read_only(below));
     } else {
         TEST_ASSERT_EQUAL_INT(0, chmod(below, 0555)); /* root, whom this does not stop, can mount */
     }
     every_writer_refuses_the_output(NULL, below);
-    if (can_mount) {
-        mounts_remove(below);
-    }
 }
 
 static void an_output_that_is_a_folder_is_refused(void)
@@ -349,7 +353,7 @@ static void an_output_that_is_a_folder_is_refused(void)
             keep(path_join(below, "out.html")));
 }
 
-/* A disk of one page: files can be made, but what is written soon finds no room. Where no disk can be mounted, a
+/* A disk of eight pages: files can be made, but what is written soon finds no room. Where no disk can be mounted, a
  * limit on file sizes has the same effect on write. What stood there before stays as it was. */
 static void a_full_disk_leaves_what_was_there(void)
 {
@@ -359,6 +363,7 @@ static void a_full_disk_leaves_what_was_there(void)
     TEST_ASSERT_EQUAL_INT(0, mkdir(below, 0755));
     if (can_mount) {
         TEST_ASSERT_TRUE(mounts_disk(below, 8 * 4096));
+        mounted = below;
     }
     for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
         text_write(keep(path_join(below, names[i])), "precious");
@@ -375,9 +380,6 @@ static void a_full_disk_leaves_what_was_there(void)
     REFUSES_UNDER(around, FAILED, exr, "render", input("scene.yaml"), "-o", exr);
     REFUSES_UNDER(around, FAILED, html, "report", input("scan.exr"), input("material.exr"), "-o",
                   html);
-    if (can_mount) {
-        mounts_remove(below);
-    }
 }
 
 /* Inputs of all cases. */
