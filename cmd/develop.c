@@ -20,6 +20,7 @@ static const struct option_spec develop_options[] = {
      .letter = 'o',
      .kind = OPTION_STRING,
      .argument = "FILE",
+     .required = true,
      .offset = offsetof(struct develop_settings, output),
      .sentence = "the scan to be written"},
     {.name = "demosaic",
@@ -151,9 +152,6 @@ static int run(const void *settings, const struct invocation *invocation, struct
                                       given->store ? NACRE_HALF : NACRE_FLOAT};
     struct progress progress = progress_begin("developing", invocation->quiet);
     struct develop_report report;
-    if (!given->output) {
-        return nacre_fail(error, "develop needs a scan to write (-o scan.exr)");
-    }
     int status = develop_session(invocation->operands[0], &options, given->output, &progress,
                                  &report, error);
     progress_end(&progress);
