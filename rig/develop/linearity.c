@@ -1,6 +1,8 @@
 /* Whether each pixel answers in proportion to light: a linear regression over the exposures of the white frames. */
 #include "rig/develop/linearity.h"
 
+#include "rig/develop/flat.h"
+
 #include <math.h>
 #include <stdlib.h>
 
@@ -9,6 +11,8 @@ enum { EXPOSURES = 16, REACH = 4 };
 
 /* A pixel below this share of the median of its neighbours is dead. */
 static const double dead_share = 0.25;
+/* Whether the neighbours get light at all: their share of the colour's upper level. */
+static const double lit_share = 0.1;
 static const double noisy_ratio = 25; /* of variances */
 
 int linearity_init(struct linearity *linearity, size_t pixels, struct nacre_error *error)
@@ -140,8 +144,9 @@ static int common_spread(const struct linearity *linearity, double *median,
     return NACRE_OK;
 }
 
-/* Median of the measured pixels of the same colour around (x, y), itself left out. */
-static double neighbour_median(const float *values, int width, int height, enum bayer bayer, int x,
+/* Lower quartile of the measured pixels of the same colour around (x, y), itself left out: dark as soon as the border of
+ * the lit area is near, where a pixel may be dark by right. */
+static double neighbour_level(const float *values, int width, int height, enum bayer bayer, int x,
                                int y)
 {
     double around[(2 * REACH + 1) * (2 * REACH + 1)];
@@ -159,7 +164,7 @@ static double neighbour_median(const float *values, int width, int height, enum 
         }
     }
     qsort(around, count, sizeof *around, compare_doubles);
-    return count ? around[count / 2] : 0;
+    return count ? around[count / 4] : 0;
 }
 
 static double largest_deviation(const struct linearity *linearity)
@@ -181,7 +186,11 @@ int linearity_judge(const struct linearity *linearity, const float *white, const
                     struct linearity_report *report, struct nacre_error *error)
 {
     double common = 1;
+    double levels[3];
     int status = common_spread(linearity, &common, error);
+    if (status == NACRE_OK) {
+        status = flat_levels(white, width, height, bayer, levels, error);
+    }
     *report = (struct linearity_report){.deviation = largest_deviation(linearity)};
     for (size_t i = 0; status == NACRE_OK && i < linearity->pixels; i++) {
         int x = (int)(i % (size_t)width);
@@ -191,7 +200,9 @@ int linearity_judge(const struct linearity *linearity, const float *white, const
         double chi;
         int freedom;
         linearity_line(linearity, i, &slope, &offset, &chi, &freedom);
-        bool dead = white[i] < dead_share * neighbour_median(white, width, height, bayer, x, y);
+        double usual = neighbour_level(white, width, height, bayer, x, y);
+        bool dead = usual > lit_share * levels[bayer_channel(bayer, x, y)] &&
+                    !(white[i] >= dead_share * usual);
         bool bent = freedom > 0 && chi > common * chi_squared_limit(freedom);
         bool noisy = black && predicted && black[i] > noisy_ratio * predicted[i];
         report->dead += dead ? 1 : 0;

@@ -22,7 +22,7 @@ struct linearity {
 };
 
 struct linearity_report {
-    size_t dead;      /* pixels that answer far less than their neighbours of the same colour */
+    size_t dead;      /* pixels that answer far less than nearly all of their neighbours of the same colour */
     size_t nonlinear; /* pixels whose values lie off their line more than noise explains */
     size_t noisy;     /* pixels that vary in the black frames more than noise explains */
     double

@@ -1,0 +1,64 @@
+/* A made station: exact pictures of a made material through a pinhole, a mosaic and a noisy sensor. It shares no code
+ * with rig/develop/ nor with the virtual station. */
+#ifndef TESTS_DEVELOP_MADE_H
+#define TESTS_DEVELOP_MADE_H
+
+#include "rig/session.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+/* Numbers that are the same everywhere. */
+struct made_random {
+    uint64_t state;
+};
+double made_uniform(struct made_random *random); /* in (0, 1) */
+double made_normal(struct made_random *random);
+double made_poisson(struct made_random *random, double mean); /* normal above 60 */
+
+struct made_station {
+    int width, height; /* surface points */
+    int camera_width, camera_height, bits;
+    enum bayer bayer;
+    double pedestal, read_noise, electrons; /* 0: none */
+    double map[9];       /* surface to camera, row by row */
+    double gain[3];      /* raw units a second of a pixel full of radiosity 1, before vignetting */
+    double vignetting;   /* loss in the camera's corners */
+    double black;        /* irradiance of a dark projector pixel; of a lit one it is 1 */
+    double reach;        /* decay length of the material, surface points */
+    double white[3];     /* reflectance of the white layer */
+    int dead_x, dead_y;  /* a pixel that sees nothing; -1: none */
+};
+
+/* 40 x 36 points seen by 190 x 170 pixels of 10 bits from aside, with all kinds of noise. */
+struct made_station made_station_usual(void);
+
+/* R_d of the made material, (xi, yi) to (xo, yo): two materials, not symmetric about anything. */
+double made_transfer(const struct made_station *station, int channel, int xi, int yi, int xo,
+                     int yo);
+
+/* radiosity[3][height][width] under levels[height][width] (0 or 255), on the bare sample or the white layer. */
+void made_light(const struct made_station *station, const uint8_t *levels, bool white_layer,
+                float *radiosity);
+
+/* What the sensor gets of it: signal[camera_height][camera_width], raw units a second above the pedestal. */
+void made_signal(const struct made_station *station, const float *radiosity, double *signal);
+
+/* One exposure, raw[camera_height][camera_width]. */
+void made_expose(const struct made_station *station, const double *signal, double seconds,
+                 struct made_random *random, uint16_t *raw);
+
+/* The plan of the usual session: spacing and window 9, exposures 1 to 64 turns of 100 Hz. `path` gets plan.yaml and
+ * station.yaml. */
+void made_write_settings(const struct made_station *station, const char *folder,
+                         const char *plan_text);
+extern const char made_plan_text[];
+
+/* Measure everything of a plan into the new session FOLDER/session and return its path (heap). */
+char *made_session(const struct made_station *station, const char *folder, const char *plan_text);
+
+/* A new folder below TMPDIR or /tmp (heap), and removing one with all that it holds. */
+char *made_folder(void);
+void made_folder_remove(char *folder);
+
+#endif
