@@ -149,7 +149,7 @@ int opencl_open(const char *selector, struct opencl *opencl, struct nacre_error 
     }
     opencl->device = devices[chosen];
     device_name(opencl->device, opencl->name, sizeof opencl->name);
-    (void)clGetDeviceInfo(opencl->device, CL_DEVICE_PLATFORM, sizeof opencl->platform,
+    (void)clGetDeviceInfo(opencl->device, CL_DEVICE_PLATFORM, sizeof(cl_platform_id),
                           &opencl->platform, NULL);
     (void)clGetDeviceInfo(opencl->device, CL_DEVICE_MAX_COMPUTE_UNITS, sizeof opencl->compute_units,
                           &opencl->compute_units, NULL);
@@ -249,11 +249,10 @@ int opencl_build(const struct opencl *opencl, const struct opencl_source *source
         return NACRE_FAILED;
     }
     /* OpenCL 1.2's prototype lacks a const that every implementation honours. */
-    *program =
-        replaced
-            ? clCreateProgramWithSource(opencl->context, 1, (const char **)&replaced, NULL, &status)
-            : clCreateProgramWithSource(opencl->context, (cl_uint)source->line_count,
-                                        (const char **)(size_t)source->lines, NULL, &status);
+    *program = replaced ? clCreateProgramWithSource(opencl->context, 1, (const char **)&replaced,
+                                                    NULL, &status)
+                        : clCreateProgramWithSource(opencl->context, (cl_uint)source->line_count,
+                                                    (const char **)source->lines, NULL, &status);
     int result = opencl_check(opencl, status, source->name, error);
     if (result == NACRE_OK) {
         status = clBuildProgram(*program, 1, &opencl->device, options, NULL, NULL);

@@ -44,7 +44,7 @@ struct parser {
     void **targets;                   /* the struct that each one's offset is in */
     bool *given;
     size_t count;
-    struct option *longs; /* [count + 1]; val is FIRST_LONG + index */
+    struct option *longs; /* a zeroed one behind the last; val is FIRST_LONG + index */
     char *letters;
 };
 
@@ -79,8 +79,10 @@ static void parser_add(struct parser *parser, const struct option_spec *table, v
                             .has_arg = takes_argument ? required_argument : no_argument,
                             .val = FIRST_LONG + (int)i};
         if (table->letter) {
-            char text[] = {table->letter, takes_argument ? ':' : '\0', '\0'};
-            (void)strcat(parser->letters, text); /* three bytes an option were allocated */
+            char *end =
+                parser->letters + strlen(parser->letters); /* two bytes an option are there */
+            end[0] = table->letter;
+            end[1] = takes_argument ? ':' : '\0';
         }
     }
 }
@@ -88,16 +90,17 @@ static void parser_add(struct parser *parser, const struct option_spec *table, v
 static int parser_init(struct parser *parser, const struct verb *verb, void *settings,
                        struct options_common *common, struct nacre_error *error)
 {
-    size_t count = count_options(verb->options) + count_options(options_common_table);
-    *parser = (struct parser){.specs = calloc(count, sizeof *parser->specs),
-                              .targets = calloc(count, sizeof *parser->targets),
-                              .given = calloc(count, sizeof *parser->given),
-                              .longs = calloc(count + 1, sizeof *parser->longs),
-                              .letters = calloc(count + 1, 3)};
+    size_t count = count_options(verb->options) + count_options(options_common_table) + 1;
+    *parser = (struct parser){.specs = calloc(count, sizeof(struct option_spec *)),
+                              .targets = calloc(count, sizeof(void *)),
+                              .given = calloc(count, sizeof(bool)),
+                              .longs = calloc(count, sizeof(struct option)),
+                              .letters = calloc(count, 2)};
     if (!parser->specs || !parser->targets || !parser->given || !parser->longs ||
         !parser->letters) {
         parser_finish(parser);
-        return nacre_fail_memory(error, "the table of options");
+        (void)nacre_fail_memory(error, "the table of options");
+        return NACRE_FAILED;
     }
     parser->letters[0] = ':'; /* a missing argument is told apart */
     parser_add(parser, verb->options, settings);

@@ -406,9 +406,10 @@ int settings_parse(const char *name, const char *folder, const char *text, size_
         return NACRE_FAILED;
     }
     const yaml_node_t *root = yaml_document_get_root_node(&document);
-    int result = root ? settings_apply_defaults(&source, schema, out, error)
-                      : nacre_fail(error, "%s: empty, but should be a %s", name, schema->what);
-    if (result == NACRE_OK) {
+    int result = NACRE_FAILED;
+    if (!root) {
+        (void)nacre_fail(error, "%s: empty, but should be a %s", name, schema->what);
+    } else if (settings_apply_defaults(&source, schema, out, error) == NACRE_OK) {
         (void)snprintf(root_name, sizeof root_name, "the %s", schema->what);
         result = read_mapping(&source, schema, root_name, root, out, error);
     }

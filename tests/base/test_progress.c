@@ -118,7 +118,7 @@ static void show_many_steps(void)
     struct progress progress = progress_begin("factoring", false);
     struct clock clock = clock_monotonic();
     int64_t end = clock_now_ns(&clock) + 250000000;
-    for (double i = 0; clock_now_ns(&clock) < end; i++) {
+    for (int i = 0; clock_now_ns(&clock) < end; i++) {
         (void)progress_step(&progress, i, 1e9, NULL, NULL);
         clock_sleep_until_ns(&clock, clock_now_ns(&clock) + 1000000);
     }
