@@ -48,27 +48,32 @@ static void gather_row(const struct responses *r, const uint32_t *ids, int clust
     }
     for (size_t k = 0; k < (size_t)clusters; k++) {
         for (size_t u = 0; u < window; u++) {
-            size_t at = row->count[k * window + u] ? k : (size_t)clusters;
+            size_t at = k * window + u;
             kernels[((k * (size_t)r->channels + (size_t)channel) * window + (size_t)v) * window +
-                    u] = (float)result(row, at * window + u, kind);
+                    u] = row->count[at] ? (float)result(row, at, kind) : (float)NAN;
         }
     }
 }
 
-/* The same for all points, to stand in for kernels that are nowhere above 0. */
-static void replace_dark(const struct responses *r, int clusters, int channel, float *kernels,
-                         const float *all)
+/* Let all[K][K], the kernel of all points together, stand in where a cluster has no measurement (NaN) or is dark. */
+static void complete(const struct responses *r, int clusters, int channel, float *kernels,
+                     const float *all)
 {
     size_t area = (size_t)r->window * (size_t)r->window;
+    float largest_of_all = 0;
+    for (size_t i = 0; i < area; i++) {
+        largest_of_all = fmaxf(largest_of_all, all[i]);
+    }
     for (size_t k = 0; k < (size_t)clusters; k++) {
         float *kernel = kernels + (k * (size_t)r->channels + (size_t)channel) * area;
-        float largest = 0, largest_of_all = 0;
+        float largest = 0;
         for (size_t i = 0; i < area; i++) {
-            largest = fmaxf(largest, kernel[i]);
-            largest_of_all = fmaxf(largest_of_all, all[i]);
+            largest = fmaxf(largest, kernel[i]); /* passes over NaN */
         }
-        for (size_t i = 0; i < area && largest == 0; i++) {
-            kernel[i] = largest_of_all > 0 ? all[i] : 1;
+        for (size_t i = 0; i < area; i++) {
+            if (largest == 0 || isnan(kernel[i])) {
+                kernel[i] = largest_of_all > 0 ? all[i] : 1;
+            }
         }
     }
 }
@@ -120,7 +125,7 @@ int kernels_compute(const struct responses *r, const uint32_t *ids, int clusters
     for (int c = 0; c < r->channels && status == NACRE_OK; c++) {
         status = compute_channel(r, ids, clusters, kind, c, kernels, all);
         if (status == NACRE_OK) {
-            replace_dark(r, clusters, c, kernels, all);
+            complete(r, clusters, c, kernels, all);
         }
     }
     for (size_t i = 0; i < (size_t)(clusters * r->channels) && status == NACRE_OK; i++) {

@@ -4,6 +4,7 @@
 #include "factor/random.h"
 
 #include <float.h>
+#include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
@@ -56,22 +57,50 @@ static size_t draw(const struct state *s, double uniform)
     return last;
 }
 
-/* k-means++ (Arthur and Vassilvitskii 2007): each next centre far from those there are. */
-static void seed_centres(struct state *s, uint64_t seed)
+/* Squared distances to the nearest of the centres so far and vector `candidate`. Returns their sum. */
+static double add_candidate(const struct state *s, size_t candidate, float *distances)
 {
-    size_t first = (size_t)(random_bits(seed, 0) % s->count);
-    set_centre(s, 0, first);
+    const float *centre = s->vectors + candidate * s->length;
+    double total = 0;
+#pragma omp parallel for
+    for (size_t i = 0; i < s->count; i++) {
+        float d = squared_distance(s->vectors + i * s->length, centre, s->length);
+        distances[i] = d < s->distances[i] ? d : s->distances[i];
+    }
+    for (size_t i = 0; i < s->count; i++) {
+        total += (double)distances[i];
+    }
+    return total;
+}
+
+/* k-means++ (Arthur and Vassilvitskii 2007), greedy: of a few vectors drawn far from the centres so far, the one that
+ * leaves the least distance becomes the next. work: 2 x count. */
+static void seed_centres(struct state *s, uint64_t seed, float *work)
+{
+    uint64_t drawn = 1;
+    int candidates = 2;
+    for (size_t k = s->clusters; k > 2; k /= 2) {
+        candidates++;
+    }
     for (size_t i = 0; i < s->count; i++) {
         s->distances[i] = FLT_MAX;
     }
-    for (size_t k = 1; k < s->clusters; k++) {
-        const float *centre = s->centres + (k - 1) * s->length;
-#pragma omp parallel for
-        for (size_t i = 0; i < s->count; i++) {
-            float d = squared_distance(s->vectors + i * s->length, centre, s->length);
-            s->distances[i] = d < s->distances[i] ? d : s->distances[i];
+    for (size_t k = 0; k < s->clusters; k++) {
+        float *trial = work, *best = work + s->count;
+        double least = INFINITY;
+        for (int i = 0; i < (k == 0 ? 1 : candidates); i++) {
+            size_t candidate = k == 0 ? (size_t)(random_bits(seed, 0) % s->count)
+                                      : draw(s, random_uniform(seed, drawn++));
+            double total = add_candidate(s, candidate, trial);
+            if (total < least) {
+                float *swap = best;
+                best = trial;
+                trial = swap;
+                least = total;
+                set_centre(s, k, candidate);
+            }
         }
-        set_centre(s, k, draw(s, random_uniform(seed, k)));
+        memcpy(s->distances, best, s->count * sizeof *best);
     }
 }
 
@@ -149,17 +178,18 @@ int kmeans(const float *vectors, size_t count, size_t length, int clusters, uint
     size_t k = (size_t)clusters;
     struct state s = {
         .vectors = vectors, .count = count, .length = length, .clusters = k, .labels = labels};
+    float *work = calloc(2 * count, sizeof *work);
     int status = NACRE_FAILED;
     s.centres = calloc(k * length + 1, sizeof *s.centres);
     s.sums = calloc(k * length + 1, sizeof *s.sums);
     s.sizes = calloc(k, sizeof *s.sizes);
     s.distances = calloc(count, sizeof *s.distances);
-    if (!s.centres || !s.sums || !s.sizes || !s.distances) {
+    if (!s.centres || !s.sums || !s.sizes || !s.distances || !work) {
         status = nacre_fail_memory(error, "the clusters");
         goto out;
     }
     memset(labels, 0, count * sizeof *labels);
-    seed_centres(&s, seed);
+    seed_centres(&s, seed, work);
     (void)assign(&s);
     for (int i = 0; i < ITERATIONS; i++) {
         (void)refill(&s);
@@ -175,5 +205,6 @@ out:
     free(s.sums);
     free(s.sizes);
     free(s.distances);
+    free(work);
     return status;
 }

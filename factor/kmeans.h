@@ -1,4 +1,4 @@
-/* k-means clustering: k-means++ from a seed, then Lloyd's iterations. */
+/* k-means clustering: greedy k-means++ from a seed, then Lloyd's iterations. */
 #ifndef FACTOR_KMEANS_H
 #define FACTOR_KMEANS_H
 

@@ -60,7 +60,7 @@ struct update_tile update_tile_choose(int lanes, int terms)
     /* Registers hold rows x group x 2 sums: 32 registers with 16 lanes, else 16. Among the groups that fit, that
      * which pads the terms least; of equals the first. */
     static const struct update_tile wide[] = {{2, 4, 6}, {2, 4, 5}, {3, 4, 4}, {2, 4, 4}};
-    static const struct update_tile narrow[] = {{2, 4, 3}, {3, 3, 2}, {4, 2, 1}};
+    static const struct update_tile narrow[] = {{2, 4, 2}, {2, 4, 3}, {4, 2, 1}};
     const struct update_tile *tiles = lanes >= 16 ? wide : narrow;
     int count = lanes >= 16 ? 4 : 3, best = 0, best_planes = 0;
     for (int i = 0; i < count; i++) {

@@ -27,10 +27,17 @@
 #define STEPS 4 /* window columns at a time in phase 1 */
 #endif
 #ifndef GROUP
-#define GROUP 3 /* terms at a time in phase 2 */
+#define GROUP 2 /* terms at a time in phase 2 */
 #endif
 #ifndef CHUNK
 #define CHUNK 64 /* columns in the buffer between the phases */
+#endif
+#ifndef PREFETCH
+#ifdef __clang__
+#define PREFETCH 1 /* blocks of responses fetched ahead of their use; a whole seventh faster where it exists */
+#else
+#define PREFETCH 0
+#endif
 #endif
 #ifndef CLUSTERED
 #define CLUSTERED 0 /* more than one kernel */
@@ -233,6 +240,12 @@ INLINE void phase_2(const struct rows *rows, const VEC *v, const VEC *w, global 
         }
     }
     for (int j = 0; j < count; j++) {
+#if PREFETCH
+        for (int r = 0; t == 0 && r < ROWS; r++) {
+            global const float *next = rows->responses[r] + ((b + PREFETCH) * s.window + e + j) * LANES;
+            __builtin_prefetch((const void *)(size_t)next);
+        }
+#endif
         UNROLL for (int k = 0; k < GROUP; k++)
         {
             VEC o = VLOAD(0, other + k * s.stride + (outgoing ? -j : j));
@@ -261,8 +274,12 @@ INLINE VEC sweep(const struct rows *rows, global float *sums, int outgoing, int 
     VEC total = 0;
     for (int b = 0; b < s.blocks; b++) {
         VEC block_total = 0;
-        for (int e = 0; e < s.window; e += CHUNK) {
-            int count = min(CHUNK, s.window - e), j = 0;
+        /* Columns that reach points of the row: the others' x lie beyond its ends for all lanes. */
+        const int left = b * LANES + LANES - 1, right = s.width - 1 - b * LANES, half_window = s.window / 2;
+        const int first = max(0, half_window - (outgoing ? right : left));
+        const int end = min(s.window, half_window + 1 + (outgoing ? left : right));
+        for (int e = first; e < end; e += CHUNK) {
+            int count = min(CHUNK, end - e), j = 0;
             for (; j + STEPS <= count; j += STEPS) {
                 block_total += phase_1_steps(rows, v + j * ROWS, w + j * ROWS, b, e + j, outgoing,
                                              objective, s);
@@ -324,7 +341,6 @@ INLINE void update(global const float *responses, global const ushort *mask,
     const int stop = min(s.height - 1, first + ROWS - 1 + half_window);
     const size_t zeros = (size_t)s.lead + (size_t)s.height * s.window * s.row + s.lead;
     global float *sums = scratch + (size_t)item * s.scratch;
-    global float *strips = sums + s.blocks * s.planes * ROWS * 2 * LANES;
     int step = 0;
     for (int i = 0; change && i < s.blocks * s.planes * ROWS * 2 * LANES; i++) {
         sums[i] = 0;
@@ -342,7 +358,7 @@ INLINE void update(global const float *responses, global const ushort *mask,
             rows.responses[r] = responses + at;
             rows.mask[r] = mask + (MASKED ? at / LANES : 0);
 #if CLUSTERED
-            global float *strip = strips + r * (s.row + 2 * s.lead) + s.lead;
+            global float *strip = sums + s.blocks * s.planes * ROWS * 2 * LANES + r * (s.row + 2 * s.lead) + s.lead;
             rows.g[r] = used ? strip : responses + zeros;
             if (used) {
                 spread_kernels(strip, kernels, labels + lit_y * s.blocks * LANES, v, s);

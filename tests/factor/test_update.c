@@ -187,14 +187,314 @@ static void compare_shape(struct shape shape, int lanes)
 
 static void one_iteration_agrees_with_double_precision(void)
 {
+    /* width, height, window, terms, clusters, channels */
     static const struct shape shapes[] = {
-        {1, 1, 1, 1, 1, 1},     {1, 1, 7, 3, 1, 1},     {1, 13, 5, 2, 1, 1},  {13, 1, 5, 2, 2, 1},
-        {17, 11, 5, 4, 3, 3},   {16, 16, 9, 6, 4, 1},   {31, 7, 25, 3, 1, 1}, {5, 5, 25, 12, 5, 1},
-        {37, 19, 11, 12, 1, 1}, {23, 29, 13, 20, 7, 1}, {33, 5, 3, 1, 6, 3},  {8, 3, 67, 2, 2, 1},
+        {1, 1, 1, 1, 1, 1},     {1, 1, 7, 1, 1, 1},     {1, 13, 5, 2, 1, 1},  {13, 1, 5, 2, 2, 1},
+        {17, 11, 5, 4, 3, 3},   {16, 16, 9, 6, 4, 1},   {31, 7, 25, 3, 5, 1}, {5, 5, 25, 12, 5, 1},
+        {37, 19, 11, 12, 1, 1}, {23, 29, 13, 20, 7, 1}, {33, 5, 3, 3, 6, 3},  {8, 3, 67, 2, 2, 1},
+        {8, 3, 135, 2, 1, 1},
     };
     for (size_t i = 0; i < sizeof shapes / sizeof *shapes; i++) {
         compare_shape(shapes[i], update_lanes(&opencl));
     }
+}
+
+static void every_tile_gives_the_same_result(void)
+{
+    static const struct update_tile tiles[] = {{1, 1, 1}, {3, 3, 5}};
+    for (size_t i = 0; i < sizeof tiles / sizeof *tiles; i++) {
+        struct sample sample = sample_new(21, 11, 1, 7, 5);
+        struct bench b = bench_new(&sample, 5, i == 0 ? 1 : 2, update_lanes(&opencl));
+        compare_one_iteration(&b, &tiles[i]);
+        bench_finish(&b);
+        sample_finish(&sample);
+    }
+}
+
+/* Punch holes into a sample: single entries, whole responses, a row of points, one channel of a point. */
+static void punch_holes(struct sample *sample)
+{
+    size_t area = (size_t)sample->window * (size_t)sample->window;
+    size_t size = area * (size_t)sample->channels;
+    for (int y = 0; y < sample->height; y++) {
+        for (int x = 0; x < sample->width; x++) {
+            float *response = sample_at(sample, x, y);
+            for (size_t i = 0; i < size; i++) {
+                bool hole = random_uniform(9, i + size * (size_t)(y * 1000 + x)) < 0.1;
+                bool lost = (x == 3 && y == 2) || y == 6 || (x == 8 && y == 4 && i < area);
+                response[i] = hole || lost ? (float)NAN : response[i];
+            }
+        }
+    }
+}
+
+static void one_iteration_with_missing_entries_agrees_with_double_precision(void)
+{
+    for (int clusters = 1; clusters <= 3; clusters += 2) {
+        struct sample sample = sample_new(19, 12, 3, 7, 5);
+        punch_holes(&sample);
+        struct bench b = bench_new(&sample, 4, clusters, update_lanes(&opencl));
+        TEST_ASSERT_TRUE(b.responses.mask_needed);
+        compare_one_iteration(&b, NULL);
+        bench_finish(&b);
+        sample_finish(&sample);
+    }
+}
+
+static void one_iteration_with_negative_entries_agrees_with_double_precision(void)
+{
+    for (int holes = 0; holes < 2; holes++) {
+        struct sample sample = sample_new(19, 12, 1, 7, 5);
+        for (size_t i = 0; i < 19 * 12 * 49; i += 3) {
+            sample.responses[i] -= 0.05F;
+        }
+        if (holes) {
+            punch_holes(&sample);
+        }
+        struct bench b = bench_new(&sample, 4, 2, update_lanes(&opencl));
+        TEST_ASSERT_TRUE(b.responses.negative);
+        compare_one_iteration(&b, NULL);
+        bench_finish(&b);
+        sample_finish(&sample);
+    }
+}
+
+static void run_steps(struct bench *b, int count)
+{
+    struct nacre_error error = {0};
+    for (int i = 0; i < count; i++) {
+        for (int c = 0; c < b->responses.channels; c++) {
+            double objective = 0;
+            succeed(b->method->ops->step(b->method, c, i % 2 ? &objective : NULL, &error), &error);
+        }
+    }
+}
+
+/* F and H of channel 0 after some steps, appended in memory the caller frees. */
+static float *factors_after(struct bench *b, int steps)
+{
+    float *both = malloc(2 * b->count * sizeof *both);
+    TEST_ASSERT_NOT_NULL(both);
+    bench_start(b, NULL);
+    run_steps(b, steps);
+    bench_read(b, 0);
+    memcpy(both, b->f, b->count * sizeof *both);
+    memcpy(both + b->count, b->h, b->count * sizeof *both);
+    return both;
+}
+
+static void what_stands_behind_the_mask_influences_nothing(void)
+{
+    static const float garbage[] = {NAN, INFINITY, -INFINITY, 1e30F, -7, 1e-42F};
+    for (int clusters = 1; clusters <= 3; clusters += 2) {
+        struct sample sample = sample_new(19, 12, 1, 7, 5);
+        punch_holes(&sample);
+        struct bench a = bench_new(&sample, 4, clusters, update_lanes(&opencl));
+        struct bench b = bench_new(&sample, 4, clusters, update_lanes(&opencl));
+        size_t changed = 0;
+        for (int i = 0; i < 19 * 12 * 49; i++) {
+            size_t index =
+                responses_index(&b.responses, i % 19, i / 19 % 12, i / 228 % 7, i / 1596);
+            int xo = i % 19 + i / 228 % 7 - 3, yo = i / 19 % 12 + i / 1596 - 3;
+            if (xo >= 0 && xo < 19 && yo >= 0 && yo < 12 &&
+                !responses_is_measured(&b.responses, 0, index)) {
+                b.responses.values[0][index] = garbage[i % 6];
+                changed++;
+            }
+        }
+        TEST_ASSERT_TRUE(changed > 1000);
+        float *clean = factors_after(&a, 5), *dirty = factors_after(&b, 5);
+        TEST_ASSERT_EQUAL_MEMORY(clean, dirty, 2 * a.count * sizeof *clean);
+        free(clean);
+        free(dirty);
+        bench_finish(&a);
+        bench_finish(&b);
+        sample_finish(&sample);
+    }
+}
+
+static void two_runs_give_the_same_bits(void)
+{
+    struct sample sample = sample_new(23, 9, 1, 9, 5);
+    struct bench a = bench_new(&sample, 4, 2, update_lanes(&opencl));
+    struct bench b = bench_new(&sample, 4, 2, update_lanes(&opencl));
+    float *one = factors_after(&a, 20), *two = factors_after(&b, 20);
+    TEST_ASSERT_EQUAL_MEMORY(one, two, 2 * a.count * sizeof *one);
+    free(one);
+    free(two);
+    bench_finish(&a);
+    bench_finish(&b);
+    sample_finish(&sample);
+}
+
+/* Each lane adds the same numbers in the same order whatever the vector's width. */
+static void the_width_of_vectors_does_not_change_a_bit(void)
+{
+    struct sample sample = sample_new(23, 9, 1, 9, 5);
+    float *first = NULL;
+    for (int lanes = 4; lanes <= 16; lanes *= 2) {
+        struct update_tile tile = {2, 4, 2};
+        struct bench b = bench_new(&sample, 4, 2, lanes);
+        bench_start(&b, &tile);
+        run_steps(&b, 5);
+        bench_read(&b, 0);
+        if (!first) {
+            first = malloc(b.count * sizeof *first);
+            memcpy(first, b.f, b.count * sizeof *first);
+        }
+        TEST_ASSERT_EQUAL_MEMORY(first, b.f, b.count * sizeof *first);
+        bench_finish(&b);
+    }
+    free(first);
+    sample_finish(&sample);
+}
+
+static void a_power_of_two_changes_nothing_but_the_scale(void)
+{
+    static const int exponents[] = {-60, -1, 7, 90};
+    struct sample sample = sample_new(13, 9, 1, 9, 5);
+    struct bench a = bench_new(&sample, 4, 2, update_lanes(&opencl));
+    float *expected = factors_after(&a, 10);
+    for (size_t i = 0; i < sizeof exponents / sizeof *exponents; i++) {
+        struct sample scaled = sample_new(13, 9, 1, 9, 5);
+        sample_scale(&scaled, ldexpf(1, exponents[i]));
+        struct bench b = bench_new(&scaled, 4, 2, update_lanes(&opencl));
+        float *actual = factors_after(&b, 10);
+        TEST_ASSERT_EQUAL_INT(a.responses.exponent[0] + exponents[i], b.responses.exponent[0]);
+        TEST_ASSERT_EQUAL_MEMORY(expected, actual, 2 * a.count * sizeof *actual);
+        free(actual);
+        bench_finish(&b);
+        sample_finish(&scaled);
+    }
+    free(expected);
+    bench_finish(&a);
+    sample_finish(&sample);
+}
+
+static void check_descent(struct sample *sample, int terms, int clusters)
+{
+    struct nacre_error error = {0};
+    struct bench b = bench_new(sample, terms, clusters, update_lanes(&opencl));
+    double previous = INFINITY, objective = 0, first = 0;
+    bench_start(&b, NULL);
+    for (int i = 0; i <= 200; i++) {
+        succeed(b.method->ops->step(b.method, 0, &objective, &error), &error);
+        TEST_ASSERT_TRUE(isfinite(objective));
+        TEST_ASSERT_TRUE(objective <= previous * (1 + 1e-6));
+        first = i == 0 ? objective : first;
+        previous = objective;
+    }
+    TEST_ASSERT_TRUE(objective <= first);
+    bench_read(&b, 0);
+    for (size_t i = 0; i < b.count; i++) {
+        TEST_ASSERT_TRUE(isfinite(b.f[i]) && b.f[i] >= 0 && isfinite(b.h[i]) && b.h[i] >= 0);
+    }
+    bench_finish(&b);
+}
+
+static void the_objective_never_rises(void)
+{
+    struct sample plain = sample_new(24, 17, 1, 9, 5), holes = sample_new(24, 17, 1, 9, 6);
+    struct sample dark_point = sample_new(24, 17, 1, 9, 7), dark = sample_new(24, 17, 1, 9, 8);
+    struct sample spike = sample_new(24, 17, 1, 9, 9), negative = sample_new(24, 17, 1, 9, 10);
+    punch_holes(&holes);
+    memset(sample_at(&dark_point, 5, 5), 0, 81 * sizeof(float));
+    sample_scale(&dark, 0);
+    for (size_t i = 0; i < 24 * 17 * 81; i++) {
+        spike.responses[i] *= i / 81 == 100 ? 1e5F : 1;
+        negative.responses[i] -= i % 5 ? 0 : 0.02F;
+    }
+    check_descent(&plain, 6, 1);
+    check_descent(&plain, 4, 4);
+    check_descent(&holes, 6, 2);
+    check_descent(&dark_point, 6, 1);
+    check_descent(&dark, 4, 1);
+    check_descent(&spike, 6, 2);
+    check_descent(&negative, 6, 1);
+    sample_finish(&plain);
+    sample_finish(&holes);
+    sample_finish(&dark_point);
+    sample_finish(&dark);
+    sample_finish(&spike);
+    sample_finish(&negative);
+}
+
+/* A sample of rank 2 under a known kernel is found again, with two terms to spare as multiplicative updates creep in the
+ * end: the objective gets below what noise of 1 % (uniform, variance 1e-4 / 3) would leave of the squares, which are all
+ * there is without factors. */
+static void data_made_by_the_model_is_recovered(void)
+{
+    struct nacre_error error = {0};
+    struct sample sample = sample_new(20, 15, 1, 7, 1);
+    struct bench b = bench_new(&sample, 4, 1, update_lanes(&opencl));
+    double objective = 0, squares = 0;
+    responses_finish(&b.responses);
+    for (int y = 0; y < 15; y++) {
+        for (int x = 0; x < 20; x++) {
+            for (int i = 0; i < 49; i++) {
+                int xo = x + i % 7 - 3, yo = y + i / 7 - 3;
+                double product = (x < 10 ? 1 : 0.1) * (xo < 8 ? 1 : 0.2) +
+                                 (y < 8 ? 0.1 : 2) * (yo < 9 ? 0.3 : 1);
+                bool inside = xo >= 0 && xo < 20 && yo >= 0 && yo < 15;
+                sample_at(&sample, x, y)[i] = inside ? (float)product * b.kernels[i] : 0;
+            }
+        }
+    }
+    b.responses = sample_load(&sample, update_lanes(&opencl));
+    for (size_t i = 0; i < 20 * 15 * 49; i++) {
+        double value = ldexp((double)sample.responses[i], -b.responses.exponent[0]);
+        squares += value * value / (double)b.kernels[i % 49] / 2;
+    }
+    bench_start(&b, NULL);
+    run_steps(&b, 3000);
+    succeed(b.method->ops->measure(b.method, 0, &objective, &error), &error);
+    TEST_ASSERT_TRUE(objective < 1e-4 / 3 * squares);
+    bench_finish(&b);
+    sample_finish(&sample);
+}
+
+/* (F * ratio / unit)^(1 + a) * unit, from the plain update: pow in float is good to 16 units in the last place. */
+static void regularising_raises_each_update_to_a_power(void)
+{
+    struct nacre_error error = {0};
+    struct sample sample = sample_new(9, 8, 1, 5, 5);
+    struct bench a = bench_new(&sample, 4, 1, update_lanes(&opencl));
+    struct bench b = bench_new(&sample, 4, 1, update_lanes(&opencl));
+    b.problem.regularise = 0.01;
+    bench_start(&a, NULL);
+    bench_start(&b, NULL);
+    succeed(update_half_step(a.method, 0, false, &error), &error);
+    succeed(update_half_step(b.method, 0, false, &error), &error);
+    bench_read(&a, 0);
+    bench_read(&b, 0);
+    for (size_t i = 0; i < a.count; i++) {
+        double expected = 0.5 * pow((double)a.f[i] / 0.5, 1.01); /* unit = 1 / sqrt(terms) */
+        TEST_ASSERT_DOUBLE_WITHIN(3e-6 * expected, expected, (double)b.f[i]);
+    }
+    bench_finish(&a);
+    bench_finish(&b);
+    sample_finish(&sample);
+}
+
+static void factors_written_are_read_back(void)
+{
+    struct nacre_error error = {0};
+    struct sample sample = sample_new(9, 8, 3, 5, 5);
+    struct bench b = bench_new(&sample, 3, 1, update_lanes(&opencl));
+    float *f = malloc(b.count * sizeof *f);
+    bench_start(&b, NULL);
+    for (size_t i = 0; i < b.count; i++) {
+        f[i] = (float)i;
+    }
+    succeed(b.method->ops->write(b.method, 1, f, f, &error), &error);
+    bench_read(&b, 1);
+    TEST_ASSERT_EQUAL_MEMORY(f, b.f, b.count * sizeof *f);
+    TEST_ASSERT_EQUAL_MEMORY(f, b.h, b.count * sizeof *f);
+    bench_read(&b, 0);
+    TEST_ASSERT_TRUE(memcmp(f, b.f, b.count * sizeof *f) != 0);
+    free(f);
+    bench_finish(&b);
+    sample_finish(&sample);
 }
 
 int main(void)
@@ -206,6 +506,17 @@ int main(void)
         return 77;
     }
     RUN_TEST(one_iteration_agrees_with_double_precision);
+    RUN_TEST(every_tile_gives_the_same_result);
+    RUN_TEST(one_iteration_with_missing_entries_agrees_with_double_precision);
+    RUN_TEST(one_iteration_with_negative_entries_agrees_with_double_precision);
+    RUN_TEST(what_stands_behind_the_mask_influences_nothing);
+    RUN_TEST(two_runs_give_the_same_bits);
+    RUN_TEST(the_width_of_vectors_does_not_change_a_bit);
+    RUN_TEST(a_power_of_two_changes_nothing_but_the_scale);
+    RUN_TEST(the_objective_never_rises);
+    RUN_TEST(data_made_by_the_model_is_recovered);
+    RUN_TEST(regularising_raises_each_update_to_a_power);
+    RUN_TEST(factors_written_are_read_back);
     opencl_close(&opencl);
     return UNITY_END();
 }

@@ -1,0 +1,278 @@
+/* Seconds per iteration of the multiplicative updates, against OpenBLAS sgemm and a plain OpenMP program in one run. */
+#include "peer.h"
+
+#include "factor/random.h"
+#include "factor/update.h"
+
+#include "base/clock.h"
+
+#include <cblas.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+enum { ROUNDS = 7, SGEMM_SIZE = 1536 };
+
+struct shape {
+    const char *name;
+    int width, height, window, terms, clusters;
+};
+
+/* A moment in wall time and in processor time of the whole process. */
+struct moment {
+    double wall, processor;
+};
+
+static struct moment now(void)
+{
+    struct clock clock = clock_monotonic();
+    struct timespec time;
+    (void)clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time);
+    return (struct moment){(double)clock_now_ns(&clock) * 1e-9,
+                           (double)time.tv_sec + (double)time.tv_nsec * 1e-9};
+}
+
+static struct moment since(struct moment start)
+{
+    struct moment end = now();
+    return (struct moment){end.wall - start.wall, end.processor - start.processor};
+}
+
+static void fail(const char *text)
+{
+    (void)fprintf(stderr, "%s\n", text);
+    exit(EXIT_FAILURE);
+}
+
+static void *allocate(size_t bytes)
+{
+    void *memory = calloc(1, bytes);
+    if (!memory) {
+        fail("no memory");
+    }
+    return memory;
+}
+
+/* Exponential fall-offs with 1 % noise; the kernel gets the fall-off itself. */
+static float *make_responses(const struct shape *s, float *kernel)
+{
+    int half = s->window / 2, area = s->window * s->window;
+    float *responses =
+        allocate((size_t)s->width * (size_t)s->height * (size_t)area * sizeof(float));
+    for (int i = 0; i < area; i++) {
+        kernel[i] =
+            expf(-0.3F * hypotf((float)(i % s->window - half), (float)(i / s->window - half))) +
+            1e-5F;
+    }
+    for (size_t p = 0; p < (size_t)(s->width * s->height); p++) {
+        for (size_t i = 0; i < (size_t)area; i++) {
+            float noise = (float)random_uniform(7, p * (size_t)area + i);
+            responses[p * (size_t)area + i] = kernel[i] * (0.99F + 0.02F * noise);
+        }
+    }
+    return responses;
+}
+
+static double entries_inside(const struct shape *s)
+{
+    double columns = 0, rows = 0;
+    for (int d = -(s->window / 2); d <= s->window / 2; d++) {
+        columns += fmax(0, s->width - abs(d));
+        rows += fmax(0, s->height - abs(d));
+    }
+    return columns * rows;
+}
+
+static struct moment time_sgemm(const float *a, const float *b, float *c)
+{
+    struct moment start = now();
+    cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, SGEMM_SIZE, SGEMM_SIZE, SGEMM_SIZE, 1, a,
+                SGEMM_SIZE, b, SGEMM_SIZE, 0, c, SGEMM_SIZE);
+    return since(start);
+}
+
+static struct moment time_iteration(struct method *method)
+{
+    struct nacre_error error = {0};
+    struct moment start = now();
+    if (update_half_step(method, 0, false, &error) != NACRE_OK ||
+        update_half_step(method, 0, true, &error) != NACRE_OK ||
+        update_wait(method, &error) != NACRE_OK) {
+        fail(error.text);
+    }
+    return since(start);
+}
+
+static int compare_doubles(const void *a, const void *b)
+{
+    double difference = *(const double *)a - *(const double *)b;
+    return difference < 0 ? -1 : difference > 0;
+}
+
+static double median(double *values, int count)
+{
+    qsort(values, (size_t)count, sizeof *values, compare_doubles);
+    return values[count / 2];
+}
+
+static double time_peer(const struct shape *s, const float *responses, const float *kernel)
+{
+    size_t count = (size_t)s->width * (size_t)s->height * (size_t)s->terms;
+    struct peer peer = {.width = s->width,
+                        .height = s->height,
+                        .window = s->window,
+                        .terms = s->terms,
+                        .responses = responses,
+                        .kernel = kernel,
+                        .f = allocate(count * sizeof(float)),
+                        .h = allocate(count * sizeof(float))};
+    for (size_t i = 0; i < count; i++) {
+        peer.f[i] = (float)random_uniform(1, i);
+        peer.h[i] = (float)random_uniform(2, i);
+    }
+    struct moment start = now();
+    peer_update(&peer, false);
+    peer_update(&peer, true);
+    double seconds = since(start).wall;
+    free(peer.f);
+    free(peer.h);
+    return seconds;
+}
+
+static void load(struct responses *responses, const struct shape *s, const float *values, int lanes)
+{
+    struct nacre_error error = {0};
+    struct nacre_scan_info info = {.width = s->width,
+                                   .height = s->height,
+                                   .window = s->window,
+                                   .channels = 1,
+                                   .pixel = NACRE_FLOAT,
+                                   .pitch_mm = 1};
+    if (responses_begin(responses, &info, lanes, &error) != NACRE_OK) {
+        fail(error.text);
+    }
+#pragma omp parallel for
+    for (int y = 0; y < s->height; y++) {
+        for (int x = 0; x < s->width; x++) {
+            responses_put(responses, x, y,
+                          values + ((size_t)y * (size_t)s->width + (size_t)x) * (size_t)s->window *
+                                       (size_t)s->window);
+        }
+    }
+    responses_scale(responses);
+}
+
+/* Rounds of sgemm and one iteration in turns, so that both meet the same load. */
+static void compare(const struct shape *s, struct method *method, double peer)
+{
+    size_t count = (size_t)SGEMM_SIZE * SGEMM_SIZE;
+    float *a = allocate(count * sizeof *a), *b = allocate(count * sizeof *b);
+    float *c = allocate(count * sizeof *c);
+    double wall[ROUNDS], share_wall[ROUNDS], share_processor[ROUNDS], sgemm_rate[ROUNDS];
+    double useful = 12.0 * s->terms * entries_inside(s), sgemm_flops = 2 * pow(SGEMM_SIZE, 3);
+    for (size_t i = 0; i < count; i++) {
+        a[i] = b[i] = (float)(i % 7) * 0.1F;
+    }
+    (void)time_iteration(method); /* compiles on first use */
+    (void)time_sgemm(a, b, c);
+    for (int i = 0; i < ROUNDS; i++) {
+        struct moment sgemm = time_sgemm(a, b, c), step = time_iteration(method);
+        wall[i] = step.wall;
+        sgemm_rate[i] = sgemm_flops / sgemm.wall * 1e-9;
+        share_wall[i] = useful / step.wall / (sgemm_flops / sgemm.wall);
+        share_processor[i] = useful / step.processor / (sgemm_flops / sgemm.processor);
+    }
+    double seconds = median(wall, ROUNDS);
+    printf("%-14s %4d x %-4d K %2d T %2d k %3d  %8.4f s/iteration  %6.1f GF/s  sgemm %6.1f GF/s  "
+           "%5.1f %% wall  %5.1f %% processor",
+           s->name, s->width, s->height, s->window, s->terms, s->clusters, seconds,
+           useful / seconds * 1e-9, median(sgemm_rate, ROUNDS), 100 * median(share_wall, ROUNDS),
+           100 * median(share_processor, ROUNDS));
+    if (peer > 0) {
+        printf("  OpenMP C %.3f s = %.1f times", peer, peer / seconds);
+    }
+    printf("\n");
+    (void)fflush(stdout);
+    free(a);
+    free(b);
+    free(c);
+}
+
+static void run(const struct shape *s, const struct opencl *opencl, const struct update_tile *tile)
+{
+    struct nacre_error error = {0};
+    size_t area = (size_t)s->window * (size_t)s->window;
+    size_t points = (size_t)s->width * (size_t)s->height;
+    float *kernel = allocate(area * sizeof *kernel);
+    float *values = make_responses(s, kernel);
+    float *kernels = allocate((size_t)s->clusters * area * sizeof *kernels);
+    uint32_t *ids = allocate(points * sizeof *ids);
+    struct responses responses;
+    struct method *method = NULL;
+    double peer = s->clusters == 1 && !tile ? time_peer(s, values, kernel) : 0;
+    load(&responses, s, values, update_lanes(opencl));
+    free(values);
+    for (size_t k = 0; k < (size_t)s->clusters; k++) {
+        memcpy(kernels + k * area, kernel, area * sizeof *kernel);
+    }
+    /* Clusters in patches of 5 x 5 points. */
+    for (size_t i = 0; i < points; i++) {
+        size_t patch = i % (size_t)s->width / 5 + i / (size_t)s->width / 5 * 31;
+        ids[i] = (uint32_t)(random_bits(3, patch) % (uint64_t)s->clusters);
+    }
+    struct problem problem = {.responses = &responses,
+                              .ids = ids,
+                              .kernels = kernels,
+                              .clusters = s->clusters,
+                              .terms = s->terms,
+                              .seed = 1};
+    if (update_new(opencl, &problem, tile, &method, &error) != NACRE_OK) {
+        fail(error.text);
+    }
+    compare(s, method, peer);
+    method_free(method);
+    responses_finish(&responses);
+    free(kernel);
+    free(kernels);
+    free(ids);
+}
+
+/* Arguments: --full for the paper's sizes; --tile ROWS STEPS GROUP to try one. */
+int main(int argc, char **argv)
+{
+    static const struct shape reduced[] = {{"candle/4", 106, 77, 49, 12, 1},
+                                           {"candle/4", 106, 77, 49, 12, 100},
+                                           {"marble 4x4/4", 138, 138, 39, 20, 1},
+                                           {"marble 4x4/4", 138, 138, 39, 20, 100}};
+    static const struct shape full[] = {{"candle", 212, 154, 49, 12, 1},
+                                        {"candle", 212, 154, 49, 12, 100},
+                                        {"marble 4x4", 277, 277, 39, 20, 1},
+                                        {"marble 4x4", 277, 277, 39, 20, 100}};
+    const struct shape *shapes = reduced;
+    struct update_tile tile = {0};
+    struct opencl opencl;
+    struct nacre_error error = {0};
+    for (int i = 1; i < argc; i++) {
+        if (strcmp(argv[i], "--full") == 0) {
+            shapes = full;
+        } else if (strcmp(argv[i], "--tile") == 0 && i + 3 < argc) {
+            tile = (struct update_tile){atoi(argv[i + 1]), atoi(argv[i + 2]), atoi(argv[i + 3])};
+            i += 3;
+        } else {
+            fail("usage: bench_update [--full] [--tile ROWS STEPS GROUP]");
+        }
+    }
+    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
+        (void)fprintf(stderr, "SKIP: %s\n", error.text);
+        return 77;
+    }
+    printf("%s, %u compute units; useful flops: 12 T for each entry inside the sample\n",
+           opencl.name, opencl.compute_units);
+    for (int i = 0; i < 4; i++) {
+        run(&shapes[i], &opencl, tile.rows ? &tile : NULL);
+    }
+    opencl_close(&opencl);
+    return EXIT_SUCCESS;
+}
