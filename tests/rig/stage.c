@@ -1,0 +1,201 @@
+/* Small stations for tests. */
+#include "stage.h"
+
+#include "unity.h"
+
+#include <ftw.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+const char stage_station[] = "sample: {width: 6, height: 5, pitch_mm: 0.5}\n"
+                             "camera:\n"
+                             "  driver: virtual\n"
+                             "  width: 24\n"
+                             "  height: 20\n"
+                             "  bits: 10\n"
+                             "  bayer: GRBG\n"
+                             "  pedestal: 32\n"
+                             "  read_noise: 1.5\n"
+                             "  electrons: 8\n"
+                             "projector: {driver: virtual, wheel_hz: 30}\n"
+                             "trigger: {driver: virtual}\n"
+                             "white_reflectance: 0.9\n"
+                             "plan: plan.yaml\n"
+                             "virtual:\n"
+                             "  seed: 5\n"
+                             "  projector: {contrast: 500, latency_ms: 16}\n"
+                             "  camera: {elevation_deg: 20, full_scale_s: 0.05, readout_ms: 10}\n";
+
+const char stage_plan[] = "seed: 3\n"
+                          "black_frames: 2\n"
+                          "white_frames: 1\n"
+                          "dot_spacing: 4\n"
+                          "dot_shift: 2\n"
+                          "dot_size: 1\n"
+                          "grid_spacing: 3\n"
+                          "window: 3\n"
+                          "exposure_turns: [1, 3]\n";
+
+void stage_write(const struct stage *stage, const char *name, const char *text)
+{
+    char path[160];
+    (void)snprintf(path, sizeof path, "%s/%s", stage->folder, name);
+    FILE *file = fopen(path, "w");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_TRUE(fputs(text, file) >= 0);
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+}
+
+void stage_make(struct stage *stage, const char *station, const char *plan)
+{
+    const char *temporary = getenv("TMPDIR");
+    (void)snprintf(stage->folder, sizeof stage->folder, "%.40s/nacre-rig-XXXXXX",
+                   temporary ? temporary : "/tmp");
+    TEST_ASSERT_NOT_NULL(mkdtemp(stage->folder));
+    (void)snprintf(stage->station, sizeof stage->station, "%s/station.yaml", stage->folder);
+    (void)snprintf(stage->plan, sizeof stage->plan, "%s/plan.yaml", stage->folder);
+    (void)snprintf(stage->session, sizeof stage->session, "%s/session", stage->folder);
+    stage_write(stage, "station.yaml", station ? station : stage_station);
+    stage_write(stage, "plan.yaml", plan ? plan : stage_plan);
+}
+
+static int remove_one(const char *path, const struct stat *found, int kind, struct FTW *place)
+{
+    (void)found;
+    (void)kind;
+    (void)place;
+    return remove(path);
+}
+
+void stage_remove(struct stage *stage)
+{
+    TEST_ASSERT_EQUAL_INT(0, nftw(stage->folder, remove_one, 8, FTW_DEPTH | FTW_PHYS));
+}
+
+char *text_replace(const char *text, const char *from, const char *to)
+{
+    char *replaced = NULL;
+    const char *place = strstr(text, from);
+    TEST_ASSERT_NOT_NULL_MESSAGE(place, from);
+    TEST_ASSERT_TRUE(
+        asprintf(&replaced, "%.*s%s%s", (int)(place - text), text, to, place + strlen(from)) >= 0);
+    return replaced;
+}
+
+char *formats_example(const char *name)
+{
+    char heading[64], line[512];
+    char *text = NULL;
+    size_t size = 0;
+    enum { BEFORE, BELOW, INSIDE, BEHIND } where = BEFORE;
+    FILE *file = fopen(FORMATS_MD, "r");
+    FILE *block = open_memstream(&text, &size);
+    TEST_ASSERT_NOT_NULL_MESSAGE(file, FORMATS_MD);
+    TEST_ASSERT_NOT_NULL(block);
+    (void)snprintf(heading, sizeof heading, "## %s\n", name);
+    while (fgets(line, sizeof line, file) && where != BEHIND) {
+        if (where == INSIDE && strncmp(line, "```", 3) == 0) {
+            where = BEHIND;
+        } else if (where == INSIDE) {
+            TEST_ASSERT_TRUE(fputs(line, block) >= 0);
+        } else if (where == BELOW && strcmp(line, "```yaml\n") == 0) {
+            where = INSIDE;
+        } else if (strcmp(line, heading) == 0) {
+            where = BELOW;
+        }
+    }
+    (void)fclose(file);
+    TEST_ASSERT_EQUAL_INT(0, fclose(block));
+    TEST_ASSERT_EQUAL_INT_MESSAGE(BEHIND, where, heading);
+    return text;
+}
+
+static int faulty_arm(struct camera *camera, int64_t exposure_ns, struct nacre_error *error)
+{
+    struct camera *inner = ((struct faulty_camera *)camera)->inner;
+    return inner->ops->arm(inner, exposure_ns, error);
+}
+
+static int faulty_take(struct camera *camera, int64_t timeout_ns, struct camera_frame *frame,
+                       struct nacre_error *error)
+{
+    struct faulty_camera *own = (struct faulty_camera *)camera;
+    bool now = own->takes++ == own->when;
+    if (now && own->fault == FAULT_BROKEN) {
+        return nacre_fail(error, "camera faulty: cannot dequeue buffer 3: Input/output error");
+    }
+    if (own->fault == FAULT_UNPLUGGED && own->when >= 0 && own->takes > own->when) {
+        return nacre_fail(error, "camera faulty: No such device");
+    }
+    int status = own->inner->ops->take(own->inner, timeout_ns, frame, error);
+    if (status != NACRE_OK) {
+        return status;
+    }
+    if (now && own->fault == FAULT_LOST) {
+        return nacre_fail(error, "camera faulty: buffer 1 is damaged");
+    }
+    own->skipped += now && own->fault == FAULT_DROPPED;
+    frame->sequence += own->skipped;
+    frame->frame_ns += now && own->fault == FAULT_LATE ? 40000000 : 0;
+    frame->frame_ns -= now && own->fault == FAULT_EARLY ? 1 : 0;
+    return NACRE_OK;
+}
+
+static void faulty_close(struct camera *camera)
+{
+    struct camera *inner = ((struct faulty_camera *)camera)->inner;
+    inner->ops->close(inner);
+}
+
+struct faulty_camera faulty_camera(struct camera *inner, enum fault fault, int when)
+{
+    static const struct camera_ops ops = {"faulty", faulty_arm, faulty_take, faulty_close};
+    struct faulty_camera camera = {.base = *inner, .inner = inner, .fault = fault, .when = when};
+    camera.base.ops = &ops;
+    return camera;
+}
+
+static int lay_white_layer(void *context, bool on, struct nacre_error *error)
+{
+    struct operator_log *log = context;
+    (void)error;
+    if (on) {
+        log->layer_on++;
+    } else {
+        log->layer_off++;
+    }
+    virtual_station_set_white_layer(log->station, on);
+    return NACRE_OK;
+}
+
+static void begin_pattern(void *context, struct pattern pattern)
+{
+    struct operator_log *log = context;
+    if (++log->begun == log->raise_at) {
+        (void)raise(SIGINT);
+    }
+    virtual_station_begin_pattern(log->station, pattern);
+}
+
+int stage_scan(const struct session *session, enum fault fault, int when, int retries,
+               struct operator_log *log, struct sequence_result *result, struct nacre_error *error)
+{
+    struct virtual_station *station = NULL;
+    const struct sequence_options options = {.retries = retries, .tolerance_ns = 2000000};
+    struct sequence_operator person = {log, lay_white_layer, begin_pattern};
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, virtual_station_new(&session->station, NULL, &station, error), error->text);
+    struct faulty_camera camera = faulty_camera(virtual_station_camera(station), fault, when);
+    struct devices devices = {.camera = &camera.base,
+                              .projector = virtual_station_projector(station),
+                              .trigger = virtual_station_trigger(station),
+                              .clock = virtual_station_clock(station)};
+    log->station = station;
+    int status = sequence_run(&devices, session, &person, &options, NULL, result, error);
+    virtual_station_free(station);
+    return status;
+}

@@ -1,0 +1,136 @@
+/* Tests of station files. */
+#include "rig/station.h"
+
+#include "stage.h"
+#include "unity.h"
+
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+static struct nacre_error error;
+
+void setUp(void)
+{
+    error.text[0] = '\0';
+}
+
+void tearDown(void)
+{
+}
+
+static int read_text(const char *text, struct station *station)
+{
+    struct stage stage;
+    stage_make(&stage, text, NULL);
+    int status = station_read(stage.station, station, &error);
+    stage_remove(&stage);
+    return status;
+}
+
+static void refuses(const char *from, const char *to, const char *what)
+{
+    struct station station;
+    char *text = text_replace(stage_station, from, to);
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, read_text(text, &station));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, what), error.text);
+    TEST_ASSERT_NULL(station.plan);
+    free(text);
+}
+
+static void station_of_the_documentation_is_read(void)
+{
+    struct station station;
+    char *text = formats_example("station.yaml");
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, read_text(text, &station), error.text);
+    TEST_ASSERT_EQUAL_INT(48, station.sample.width);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, station.sample.pitch_mm);
+    TEST_ASSERT_EQUAL_INT(BAYER_RGGB, station.camera.bayer);
+    TEST_ASSERT_EQUAL_DOUBLE(15, station.camera.electrons);
+    TEST_ASSERT_EQUAL_DOUBLE(30, station.projector.wheel_hz);
+    TEST_ASSERT_EQUAL_DOUBLE(0.95, station.white_reflectance[2]);
+    TEST_ASSERT_EQUAL_DOUBLE(2000, station.simulated.projector.contrast);
+    TEST_ASSERT_EQUAL_DOUBLE(20, station.simulated.camera.elevation_deg);
+    TEST_ASSERT_EQUAL_DOUBLE(0.78, station.simulated.camera.response[2]);
+    station_finish(&station);
+    free(text);
+}
+
+static void what_a_station_does_not_name_is_absent(void)
+{
+    struct station station;
+    char *quiet = text_replace(stage_station, "  read_noise: 1.5\n  electrons: 8\n", "");
+    char *text = text_replace(quiet, "  projector: {contrast: 500, latency_ms: 16}\n", "");
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, read_text(text, &station), error.text);
+    TEST_ASSERT_EQUAL_DOUBLE(0, station.camera.read_noise);
+    TEST_ASSERT_EQUAL_DOUBLE(0, station.camera.electrons);
+    TEST_ASSERT_EQUAL_DOUBLE(0, station.simulated.projector.contrast);
+    TEST_ASSERT_EQUAL_DOUBLE(0, station.simulated.camera.vignetting);
+    TEST_ASSERT_NULL(station.simulated.sample);
+    TEST_ASSERT_EQUAL_DOUBLE(0.9, station.white_reflectance[1]);
+    TEST_ASSERT_EQUAL_DOUBLE(1, station.simulated.camera.response[1]);
+    station_finish(&station);
+    free(text);
+    free(quiet);
+}
+
+static void station_refuses_what_it_does_not_know(void)
+{
+    refuses("  bits: 10", "  bitts: 10", "station.yaml:6:3: ");
+    refuses("  bits: 10", "  bits: 7", "station.yaml:6:9: ");
+    refuses("bits: 10", "bits: ten", "bits");
+    refuses("bayer: GRBG", "bayer: RGBG", "bayer");
+    refuses("  bits: 10\n", "", "bits");
+    refuses("driver: virtual\n  width", "driver: v4l2\n  width", "virtual");
+    refuses("pitch_mm: 0.5", "pitch_mm: 0", "pitch_mm");
+    refuses("width: 6", "width: 6.5", "width");
+    refuses("elevation_deg: 20", "elevation_deg: 95", "elevation_deg");
+    refuses("white_reflectance: 0.9", "white_reflectance: [0.9, 0.9]", "white_reflectance");
+}
+
+static void station_refuses_a_pedestal_at_saturation(void)
+{
+    refuses("pedestal: 32", "pedestal: 1023", "no range below saturation at 1023");
+}
+
+static void station_refuses_a_missing_file(void)
+{
+    struct station station;
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, station_read("/nowhere/s.yaml", &station, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "/nowhere/s.yaml"), error.text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "No such file"), error.text);
+}
+
+static void relative_paths_are_taken_from_the_file_and_become_absolute(void)
+{
+    struct stage stage;
+    struct station station;
+    char expected[160];
+    char *text = text_replace(stage_station, "  seed: 5\n", "  sample: things/slab.yaml\n");
+    char *before = getcwd(NULL, 0);
+    stage_make(&stage, text, NULL);
+    TEST_ASSERT_NOT_NULL(before);
+    TEST_ASSERT_EQUAL_INT(0, chdir(stage.folder));
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, station_read("station.yaml", &station, &error));
+    TEST_ASSERT_EQUAL_INT(0, chdir(before));
+    (void)snprintf(expected, sizeof expected, "%s/", stage.folder);
+    TEST_ASSERT_EQUAL_INT(0, strncmp(expected, station.simulated.sample, strlen(expected)));
+    TEST_ASSERT_NOT_NULL(strstr(station.simulated.sample, "things/slab.yaml"));
+    TEST_ASSERT_TRUE(station.plan[0] == '/');
+    station_finish(&station);
+    stage_remove(&stage);
+    free(text);
+    free(before);
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(station_of_the_documentation_is_read);
+    RUN_TEST(what_a_station_does_not_name_is_absent);
+    RUN_TEST(station_refuses_what_it_does_not_know);
+    RUN_TEST(station_refuses_a_pedestal_at_saturation);
+    RUN_TEST(station_refuses_a_missing_file);
+    RUN_TEST(relative_paths_are_taken_from_the_file_and_become_absolute);
+    return UNITY_END();
+}
