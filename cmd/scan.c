@@ -1,5 +1,4 @@
 /* nacre scan: a whole acquisition in this process. */
-#include "base/opencl.h"
 #include "cmd/verbs.h"
 #include "rig/sequence.h"
 #include "rig/virtual/virtual.h"
@@ -209,7 +208,6 @@ static int measure(const char *path, const struct scan_settings *settings,
 static int scan(const char *path, const struct scan_settings *settings,
                 const struct invocation *invocation, struct nacre_error *error)
 {
-    struct opencl opencl = {0};
     struct virtual_station *simulated = NULL;
     struct session wanted = {0};
     struct sequence_result result;
@@ -217,13 +215,7 @@ static int scan(const char *path, const struct scan_settings *settings,
     if (status != NACRE_OK) {
         goto out;
     }
-    if (wanted.station.simulated.sample) {
-        status = opencl_open(invocation->device, &opencl, error);
-    }
-    if (status != NACRE_OK) {
-        goto out;
-    }
-    status = virtual_station_new(&wanted.station, &opencl, &simulated, error);
+    status = virtual_station_new(&wanted.station, &simulated, error);
     if (status != NACRE_OK) {
         goto out;
     }
@@ -234,7 +226,6 @@ static int scan(const char *path, const struct scan_settings *settings,
     status = print_result(&result, invocation->json, error);
 out:
     virtual_station_free(simulated);
-    opencl_close(&opencl);
     session_finish(&wanted);
     return status;
 }

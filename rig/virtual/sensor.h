@@ -15,7 +15,7 @@ void sensor_expose(const struct station_camera *camera, const float *signal, dou
 /* One step of a hash that spreads keys: SplitMix64's finaliser over both. */
 uint64_t sensor_key(uint64_t key, uint64_t value);
 
-/* The value that a standard normal variate stays below with probability p in (0, 1). */
+/* The value that a standard normal variate stays below with probability p, 1e-10 to 1 - 1e-10. */
 double sensor_normal(double p);
 
 /* The Poisson variate of `mean` (0 to 50) at probability p in (0, 1), by inversion. */

@@ -199,8 +199,8 @@ static void connect(struct virtual_station *station)
     station->clock = (struct virtual_clock){.base = {.ops = &clock_ops}};
 }
 
-static int put_sample(const struct station *settings, const struct opencl *opencl,
-                      struct transport **transport, struct nacre_error *error)
+static int put_sample(const struct station *settings, struct transport **transport,
+                      struct nacre_error *error)
 {
     const char *path = settings->simulated.sample;
     struct sample sample = {0};
@@ -218,7 +218,7 @@ static int put_sample(const struct station *settings, const struct opencl *openc
                        settings->sample.height, settings->sample.pitch_mm);
         goto out;
     }
-    status = transport_new(&sample, opencl, transport, error);
+    status = transport_new(&sample, NULL, transport, error);
 out:
     sample_finish(&sample);
     return status;
@@ -239,8 +239,8 @@ static int allocate(struct virtual_station *station, struct nacre_error *error)
     return optics_init(settings, &station->optics, error);
 }
 
-int virtual_station_new(const struct station *station, const struct opencl *opencl,
-                        struct virtual_station **simulated, struct nacre_error *error)
+int virtual_station_new(const struct station *station, struct virtual_station **simulated,
+                        struct nacre_error *error)
 {
     int status = NACRE_OK;
     struct virtual_station *made = calloc(1, sizeof *made);
@@ -258,7 +258,7 @@ int virtual_station_new(const struct station *station, const struct opencl *open
         goto out;
     }
     if (station->simulated.sample) {
-        status = put_sample(station, opencl, &made->transport, error);
+        status = put_sample(station, &made->transport, error);
     }
 out:
     if (status != NACRE_OK) {

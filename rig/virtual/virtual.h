@@ -3,7 +3,6 @@
 #define RIG_VIRTUAL_VIRTUAL_H
 
 #include "base/clock.h"
-#include "base/opencl.h"
 #include "rig/camera.h"
 #include "rig/plan.h"
 #include "rig/projector.h"
@@ -13,9 +12,9 @@
 struct virtual_station;
 
 /* Build the station that station->simulated describes. Its time is simulated: it passes only in exposures and waits.
- * Keeps what it needs of `station`; `opencl` must outlive it, and may be NULL where no sample file is named. */
-int virtual_station_new(const struct station *station, const struct opencl *opencl,
-                        struct virtual_station **simulated, struct nacre_error *error);
+ * Keeps what it needs of `station`. */
+int virtual_station_new(const struct station *station, struct virtual_station **simulated,
+                        struct nacre_error *error);
 
 /* The devices; they belong to the virtual station, and their close does nothing. */
 struct camera *virtual_station_camera(struct virtual_station *simulated);

@@ -187,8 +187,8 @@ int stage_scan(const struct session *session, enum fault fault, int when, int re
     struct virtual_station *station = NULL;
     const struct sequence_options options = {.retries = retries, .tolerance_ns = 2000000};
     struct sequence_operator person = {log, lay_white_layer, begin_pattern};
-    TEST_ASSERT_EQUAL_INT_MESSAGE(
-        NACRE_OK, virtual_station_new(&session->station, NULL, &station, error), error->text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, virtual_station_new(&session->station, &station, error),
+                                  error->text);
     struct faulty_camera camera = faulty_camera(virtual_station_camera(station), fault, when);
     struct devices devices = {.camera = &camera.base,
                               .projector = virtual_station_projector(station),

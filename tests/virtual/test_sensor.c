@@ -1,0 +1,229 @@
+/* Tests of the virtual sensor: its distributions, noise, pedestal, quantisation and saturation. */
+#include "rig/virtual/sensor.h"
+
+#include "unity.h"
+
+#include <math.h>
+#include <omp.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { COUNT = 300000 };
+
+static float *signal_;
+static uint16_t *raw;
+
+void setUp(void)
+{
+    signal_ = calloc(COUNT, sizeof *signal_);
+    raw = calloc(COUNT, sizeof *raw);
+    TEST_ASSERT_NOT_NULL(signal_);
+    TEST_ASSERT_NOT_NULL(raw);
+}
+
+void tearDown(void)
+{
+    free(signal_);
+    free(raw);
+}
+
+static const struct station_camera exact = {.bits = 12, .pedestal = 100};
+
+static void fill(float value)
+{
+    for (int i = 0; i < COUNT; i++) {
+        signal_[i] = value;
+    }
+}
+
+static void statistics(double *mean, double *variance)
+{
+    double sum = 0, squares = 0;
+    for (int i = 0; i < COUNT; i++) {
+        sum += raw[i];
+    }
+    *mean = sum / COUNT;
+    for (int i = 0; i < COUNT; i++) {
+        squares += (raw[i] - *mean) * (raw[i] - *mean);
+    }
+    *variance = squares / (COUNT - 1);
+}
+
+static void normal_quantile_inverts_the_distribution(void)
+{
+    static const double probabilities[] = {1e-10, 1e-9, 1e-5, 0.001, 0.0749, 0.0751,
+                                           0.3,   0.5,  0.7,  0.93,  0.99999};
+    for (size_t i = 0; i < sizeof probabilities / sizeof *probabilities; i++) {
+        double z = sensor_normal(probabilities[i]);
+        /* The algorithm is good to 1.2e-7 of z; the distribution's relative slope is at most |z| + 1. */
+        TEST_ASSERT_DOUBLE_WITHIN(probabilities[i] * 1.2e-7 * (z * z + 2), probabilities[i],
+                                  0.5 * erfc(-z * sqrt(0.5)));
+    }
+}
+
+static void poisson_quantile_inverts_the_distribution(void)
+{
+    static const double means[] = {0, 1e-6, 0.3, 4, 50};
+    for (size_t m = 0; m < sizeof means / sizeof *means; m++) {
+        for (double p = 0.0005; p < 1; p += 0.0037) {
+            double k = sensor_poisson(means[m], p);
+            double below = 0, upto = 0;
+            for (int j = 0; j <= (int)k; j++) {
+                double term = exp(-means[m] + (j > 0 ? j * log(means[m]) : 0) - lgamma(j + 1.));
+                below = upto;
+                upto += term;
+            }
+            /* The sums round differently. */
+            TEST_ASSERT_TRUE(p <= upto + 1e-12 && (k == 0 || p > below - 1e-12));
+        }
+    }
+}
+
+static void poisson_quantile_ends_for_every_uniform(void)
+{
+    TEST_ASSERT_TRUE(sensor_poisson(50, 1 - 0x1p-33) < 110);
+    TEST_ASSERT_TRUE(sensor_poisson(1e-9, 1 - 0x1p-33) < 5);
+    TEST_ASSERT_TRUE(sensor_poisson(50, 0x1p-33) < 20);
+}
+
+static void sensor_without_noise_quantises_to_the_nearest_value(void)
+{
+    for (int i = 0; i < COUNT; i++) {
+        signal_[i] = (float)i * 0.125F;
+    }
+    sensor_expose(&exact, signal_, 0.5, 1, COUNT, raw);
+    for (int i = 0; i < COUNT; i++) {
+        int expected = (int)floor(100 + i * 0.0625 + 0.5);
+        TEST_ASSERT_EQUAL_INT(expected < 4095 ? expected : 4095, raw[i]);
+    }
+}
+
+static void sensor_saturates_at_the_top_of_its_bits(void)
+{
+    struct station_camera camera = {.bits = 8, .pedestal = 10, .read_noise = 3, .electrons = 5};
+    fill(1e6F);
+    sensor_expose(&camera, signal_, 1, 1, COUNT, raw);
+    for (int i = 0; i < COUNT; i++) {
+        TEST_ASSERT_EQUAL_INT(255, raw[i]);
+    }
+    camera.bits = 16;
+    fill(1e9F);
+    sensor_expose(&camera, signal_, 1, 1, COUNT, raw);
+    TEST_ASSERT_EQUAL_INT(65535, raw[0]);
+}
+
+static void value_below_zero_is_cut_off(void)
+{
+    const struct station_camera camera = {.bits = 10, .pedestal = 0, .read_noise = 50};
+    size_t zeros = 0;
+    sensor_expose(&camera, signal_, 1, 1, COUNT, raw);
+    for (int i = 0; i < COUNT; i++) {
+        zeros += raw[i] == 0;
+    }
+    /* A half and what rounds down: probability 0.504, standard deviation 0.001. */
+    TEST_ASSERT_DOUBLE_WITHIN(0.005, 0.504, (double)zeros / COUNT);
+}
+
+/* Tolerances below are 5 standard deviations of the estimate: of a mean s / sqrt(n), of a variance s^2 sqrt(2 / n).
+ * Quantisation adds 1/12 to a variance. */
+static void check_statistics(double mean, double variance)
+{
+    double found_mean, found_variance;
+    statistics(&found_mean, &found_variance);
+    TEST_ASSERT_DOUBLE_WITHIN(5 * sqrt(variance / COUNT), mean, found_mean);
+    TEST_ASSERT_DOUBLE_WITHIN(5 * variance * sqrt(2. / COUNT), variance, found_variance);
+}
+
+static void black_frame_is_pedestal_and_read_noise(void)
+{
+    const struct station_camera camera = {
+        .bits = 12, .pedestal = 100.25, .read_noise = 2.5, .electrons = 7};
+    sensor_expose(&camera, signal_, 1, 3, COUNT, raw);
+    check_statistics(100.25, 2.5 * 2.5 + 1. / 12);
+}
+
+static void shot_noise_has_the_variance_of_the_electrons(void)
+{
+    const struct station_camera camera = {.bits = 12, .pedestal = 100, .electrons = 5};
+    fill(2000);
+    sensor_expose(&camera, signal_, 0.5, 4, COUNT, raw); /* 1000 raw units are 5000 electrons */
+    check_statistics(1100, 1000. / 5 + 1. / 12);
+}
+
+static void few_electrons_are_poisson_with_read_noise_added(void)
+{
+    const struct station_camera camera = {
+        .bits = 12, .pedestal = 100, .read_noise = 2, .electrons = 0.25};
+    fill(48); /* 12 electrons of 4 raw units each */
+    sensor_expose(&camera, signal_, 1, 5, COUNT, raw);
+    /* The fourth moment of a Poisson variate of mean 12 makes the variance of the variance a factor 1 + 1/24 larger,
+     * within the 5 standard deviations. */
+    check_statistics(148, 48. * 4 + 4 + 1. / 12);
+}
+
+static void noise_is_continuous_where_poisson_turns_normal(void)
+{
+    struct station_camera camera = {.bits = 12, .pedestal = 100, .electrons = 1};
+    fill(49.99F);
+    sensor_expose(&camera, signal_, 1, 6, COUNT, raw);
+    check_statistics(149.99, 49.99); /* whole electrons are whole raw units: nothing is rounded */
+    fill(50.01F);
+    sensor_expose(&camera, signal_, 1, 6, COUNT, raw);
+    check_statistics(150.01, 50.01 + 1. / 12);
+}
+
+static void frame_does_not_depend_on_the_number_of_threads(void)
+{
+    const struct station_camera camera = {
+        .bits = 12, .pedestal = 100, .read_noise = 2, .electrons = 3};
+    uint16_t *other = malloc(COUNT * sizeof *other);
+    TEST_ASSERT_NOT_NULL(other);
+    for (int i = 0; i < COUNT; i++) {
+        signal_[i] = (float)(i % 1000);
+    }
+    omp_set_num_threads(1);
+    sensor_expose(&camera, signal_, 1, 7, COUNT, raw);
+    omp_set_num_threads(3);
+    sensor_expose(&camera, signal_, 1, 7, COUNT, other);
+    TEST_ASSERT_EQUAL_MEMORY(raw, other, COUNT * sizeof *raw);
+    sensor_expose(&camera, signal_, 1, 7, 1000, other); /* nor on how many pixels there are */
+    TEST_ASSERT_EQUAL_MEMORY(raw, other, 1000 * sizeof *raw);
+    free(other);
+}
+
+/* Noise of another key, and of the same key shifted by a pixel, is uncorrelated. */
+static void keys_give_independent_noise(void)
+{
+    const struct station_camera camera = {.bits = 12, .pedestal = 500, .read_noise = 20};
+    uint16_t *other = malloc(COUNT * sizeof *other);
+    double same = 0, shifted = 0;
+    TEST_ASSERT_NOT_NULL(other);
+    sensor_expose(&camera, signal_, 1, sensor_key(1, 2), COUNT, raw);
+    sensor_expose(&camera, signal_, 1, sensor_key(1, 3), COUNT, other);
+    for (int i = 0; i + 1 < COUNT; i++) {
+        same += (raw[i] - 500.) * (other[i] - 500.);
+        shifted += (raw[i] - 500.) * (raw[i + 1] - 500.);
+    }
+    /* 5 standard deviations of a sample correlation, 1 / sqrt(n). */
+    TEST_ASSERT_DOUBLE_WITHIN(5 / sqrt(COUNT), 0, same / (400. * COUNT));
+    TEST_ASSERT_DOUBLE_WITHIN(5 / sqrt(COUNT), 0, shifted / (400. * COUNT));
+    free(other);
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(normal_quantile_inverts_the_distribution);
+    RUN_TEST(poisson_quantile_inverts_the_distribution);
+    RUN_TEST(poisson_quantile_ends_for_every_uniform);
+    RUN_TEST(sensor_without_noise_quantises_to_the_nearest_value);
+    RUN_TEST(sensor_saturates_at_the_top_of_its_bits);
+    RUN_TEST(value_below_zero_is_cut_off);
+    RUN_TEST(black_frame_is_pedestal_and_read_noise);
+    RUN_TEST(shot_noise_has_the_variance_of_the_electrons);
+    RUN_TEST(few_electrons_are_poisson_with_read_noise_added);
+    RUN_TEST(noise_is_continuous_where_poisson_turns_normal);
+    RUN_TEST(frame_does_not_depend_on_the_number_of_threads);
+    RUN_TEST(keys_give_independent_noise);
+    return UNITY_END();
+}
