@@ -72,19 +72,33 @@ static exr_result_t declare_part(exr_context_t context, const struct exr_part *p
     return result;
 }
 
-/* Point the pipeline's channels at row y. `planes` are in the pipeline's order. */
-static void aim(exr_encode_pipeline_t *encode, const struct exr_part *part,
-                const struct exr_plane *const *planes, int y)
+/* Which plane each of the pipeline's channels, which OpenEXR has sorted, is written from. */
+static void match_planes(const exr_encode_pipeline_t *encode, const struct exr_part *part,
+                         size_t *planes)
+{
+    for (int c = 0; c < encode->channel_count; c++) {
+        planes[c] = 0;
+        while (planes[c] + 1 < part->plane_count &&
+               strcmp(part->planes[planes[c]].name, encode->channels[c].channel_name) != 0) {
+            planes[c]++;
+        }
+    }
+}
+
+/* Point the pipeline's channels at row y of their planes. */
+static void aim(exr_encode_pipeline_t *encode, const struct exr_part *part, const size_t *planes,
+                int y)
 {
     for (int c = 0; c < encode->channel_count; c++) {
         exr_coding_channel_info_t *channel = &encode->channels[c];
-        bool integer = planes[c]->pixel == NACRE_UINT;
+        const struct exr_plane *plane = &part->planes[planes[c]];
+        bool integer = plane->pixel == NACRE_UINT;
         channel->user_data_type = integer ? EXR_PIXEL_UINT : EXR_PIXEL_FLOAT;
         channel->user_bytes_per_element = 4;
         channel->user_pixel_stride = 4;
         channel->user_line_stride = part->width * 4;
         channel->encode_from_ptr =
-            (const uint8_t *)(planes[c]->values + (size_t)y * (size_t)part->width);
+            (const uint8_t *)(plane->values + (size_t)y * (size_t)part->width);
     }
 }
 
@@ -96,7 +110,7 @@ static int write_pixels(struct exr_stream *stream, int index, const struct exr_p
     bool encoding = false;
     int32_t lines = 1;
     int status = NACRE_OK;
-    const struct exr_plane **planes = calloc(part->plane_count, sizeof *planes);
+    size_t *planes = calloc(part->plane_count, sizeof *planes);
     exr_result_t result = exr_get_scanlines_per_chunk(context, index, &lines);
     if (!planes) {
         status = nacre_fail_memory(error, stream->path);
@@ -112,8 +126,8 @@ static int write_pixels(struct exr_stream *stream, int index, const struct exr_p
         if (result != EXR_ERR_SUCCESS) {
             break;
         }
-        for (int c = 0; !encoding && c < encode.channel_count; c++) {
-            planes[c] = exr_part_find_plane(part, encode.channels[c].channel_name);
+        if (!encoding) {
+            match_planes(&encode, part, planes);
         }
         aim(&encode, part, planes, y);
         if (!encoding) {

@@ -1,18 +1,13 @@
 /* Checking a material's sizes and values. */
 #include "material_check.h"
 
+#include "channel.h"
 #include "half_float.h"
 
 #include <math.h>
 
 /* Limits under which no product of sizes can overflow 64 bits. */
 enum { SIDE_LIMIT = 1 << 20, COUNT_LIMIT = 1 << 12 };
-
-const char *material_channel_name(int channels, int channel)
-{
-    static const char *const names[] = {"R", "G", "B"};
-    return channels == 1 ? "Y" : names[channel];
-}
 
 static bool within(int value, int limit)
 {
@@ -90,7 +85,7 @@ static int check_planes(const char *part, const char *item, const float *values,
                       "part %s: %s %zu, channel %s: the value at (%zu, %zu) is %g; it must be "
                       "finite, not negative%s",
                       part, item, plane / (size_t)channels,
-                      material_channel_name(channels, (int)(plane % (size_t)channels)),
+                      channel_name(channels, (int)(plane % (size_t)channels)),
                       pixel_index % (size_t)width, pixel_index / (size_t)width,
                       (double)values[wrong],
                       pixel == NACRE_HALF ? ", and at most 65504 to be stored as HALF" : "");

@@ -13,7 +13,4 @@ int material_check_sizes(const struct nacre_material *material, struct nacre_err
  * The text names part, channel, point. */
 int material_check_values(const struct nacre_material *material, struct nacre_error *error);
 
-/* "R", "G", "B", or "Y" where there is one channel. */
-const char *material_channel_name(int channels, int channel);
-
 #endif

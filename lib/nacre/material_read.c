@@ -1,4 +1,5 @@
 /* Reading material.exr. */
+#include "channel.h"
 #include "material_check.h"
 #include "nacre/exr_file.h"
 
@@ -157,7 +158,8 @@ static int find_part(const struct exr_file *file, const char *name, int width, i
 {
     *part = exr_file_find_part(file, name);
     if (!*part) {
-        return nacre_fail(error, "part %s is missing", name);
+        (void)nacre_fail(error, "part %s is missing", name);
+        return NACRE_FAILED;
     }
     if ((*part)->width != width || (*part)->height != height) {
         return nacre_fail(error, "part %s is %d x %d pixels; it must be %d x %d", name,
@@ -198,7 +200,7 @@ static int read_colours(const struct exr_part *part, int channels, float *values
     int status = check_count(part, (size_t)channels, error);
     for (int c = 0; c < channels && status == NACRE_OK; c++) {
         const struct exr_plane *plane = NULL;
-        status = find_plane(part, material_channel_name(channels, c), false, &plane, error);
+        status = find_plane(part, channel_name(channels, c), false, &plane, error);
         if (status == NACRE_OK) {
             memcpy(values + (size_t)c * size, plane->values, size * sizeof *values);
         }
@@ -219,12 +221,8 @@ static bool parse_factor_name(const char *name, int channels, int *term, int *ch
         return false;
     }
     *term = (int)number;
-    for (*channel = 0; *channel < channels; (*channel)++) {
-        if (strcmp(end + 1, material_channel_name(channels, *channel)) == 0) {
-            return true;
-        }
-    }
-    return false;
+    *channel = channel_find(channels, end + 1);
+    return *channel >= 0;
 }
 
 /* F or H into values[terms][factor_channels][height][width]. */
@@ -285,8 +283,7 @@ static int read_kernels(const struct exr_file *file, struct nacre_material *mate
     }
     for (int c = 0; c < material->channels && status == NACRE_OK; c++) {
         const struct exr_plane *plane = NULL;
-        status =
-            find_plane(part, material_channel_name(material->channels, c), false, &plane, error);
+        status = find_plane(part, channel_name(material->channels, c), false, &plane, error);
         for (int j = 0; j < count && status == NACRE_OK; j++) {
             memcpy(material->kernels + ((size_t)j * (size_t)material->channels + (size_t)c) * size,
                    plane->values + (size_t)j * size, size * sizeof(float));

@@ -1,4 +1,5 @@
 /* Writing material.exr. */
+#include "channel.h"
 #include "material_check.h"
 #include "nacre/exr_file.h"
 
@@ -27,8 +28,8 @@ static int add_colours(struct exr_file *file, const char *name,
     size_t size = (size_t)material->width * (size_t)material->height;
     int status = part ? NACRE_OK : NACRE_FAILED;
     for (int c = 0; c < material->channels && status == NACRE_OK; c++) {
-        status = add_plane(part, material_channel_name(material->channels, c), pixel,
-                           values + (size_t)c * size);
+        status =
+            add_plane(part, channel_name(material->channels, c), pixel, values + (size_t)c * size);
     }
     return status;
 }
@@ -43,7 +44,7 @@ static int add_factor(struct exr_file *file, const char *name,
         for (int c = 0; c < material->factor_channels && status == NACRE_OK; c++) {
             char channel[32];
             (void)snprintf(channel, sizeof channel, "t%02d.%s", t,
-                           material_channel_name(material->factor_channels, c));
+                           channel_name(material->factor_channels, c));
             status = add_plane(part, channel, material->pixel, values);
             values += size;
         }
@@ -60,8 +61,7 @@ static int add_kernels(struct exr_file *file, const struct nacre_material *mater
     struct exr_part *part = exr_file_add_part(file, "kernel", window, window * count);
     for (int c = 0; c < material->channels; c++) {
         struct exr_plane *plane =
-            part ? exr_part_add_plane(part, material_channel_name(material->channels, c),
-                                      NACRE_FLOAT)
+            part ? exr_part_add_plane(part, channel_name(material->channels, c), NACRE_FLOAT)
                  : NULL;
         if (!plane) {
             return NACRE_FAILED;

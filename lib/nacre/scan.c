@@ -1,6 +1,7 @@
 /* Opening a scan and reading its responses. */
 #include "nacre/scan.h"
 
+#include "channel.h"
 #include "exr_stream.h"
 #include "scan_window.h"
 
@@ -54,21 +55,6 @@ static int refuse(const struct nacre_scan *scan, struct nacre_error *error, cons
     return nacre_fail(error, "%s: not a scan: %s", scan->path, why);
 }
 
-/* Which channel of a response a file's channel holds; -1: none. */
-static int channel_index(const char *name, int channels)
-{
-    static const char *const names[] = {"R", "G", "B"};
-    if (channels == 1) {
-        return strcmp(name, "Y") == 0 ? 0 : -1;
-    }
-    for (int c = 0; c < 3; c++) {
-        if (strcmp(name, names[c]) == 0) {
-            return c;
-        }
-    }
-    return -1;
-}
-
 static int read_channels(struct nacre_scan *scan, struct nacre_error *error)
 {
     const exr_attr_chlist_t *list = NULL;
@@ -84,7 +70,7 @@ static int read_channels(struct nacre_scan *scan, struct nacre_error *error)
     scan->info.pixel = NACRE_HALF;
     for (int c = 0; c < list->num_channels; c++) {
         const exr_attr_chlist_entry_t *entry = &list->entries[c];
-        int index = channel_index(entry->name.str, list->num_channels);
+        int index = channel_find(list->num_channels, entry->name.str);
         if (index < 0) {
             return nacre_fail(error, "%s: not a scan: channel %.64s is none of R, G, B or Y alone",
                               scan->path, entry->name.str);
@@ -239,35 +225,35 @@ static int check_complete(struct nacre_scan *scan, struct nacre_error *error)
     return NACRE_OK;
 }
 
-int nacre_scan_open(const char *path, struct nacre_scan **opened, struct nacre_error *error)
+int nacre_scan_open(const char *path, struct nacre_scan **scan, struct nacre_error *error)
 {
     int status = NACRE_OK;
-    *opened = NULL;
-    struct nacre_scan *scan = calloc(1, sizeof *scan);
-    if (!scan) {
+    *scan = NULL;
+    struct nacre_scan *made = calloc(1, sizeof *made);
+    if (!made) {
         return nacre_fail_memory(error, path);
     }
-    (void)pthread_mutex_init(&scan->mutex, NULL); /* cannot fail on Linux */
-    scan->path = strdup(path);
+    (void)pthread_mutex_init(&made->mutex, NULL); /* cannot fail on Linux */
+    made->path = strdup(path);
     status =
-        scan->path ? exr_stream_open(&scan->stream, path, error) : nacre_fail_memory(error, path);
+        made->path ? exr_stream_open(&made->stream, path, error) : nacre_fail_memory(error, path);
     if (status == NACRE_OK) {
-        status = read_layout(scan, error);
+        status = read_layout(made, error);
     }
     if (status == NACRE_OK) {
-        status = read_channels(scan, error);
+        status = read_channels(made, error);
     }
     if (status == NACRE_OK) {
-        status = read_attributes(scan, error);
+        status = read_attributes(made, error);
     }
     if (status == NACRE_OK) {
-        status = check_complete(scan, error);
+        status = check_complete(made, error);
     }
     if (status == NACRE_OK) {
-        *opened = scan;
-        scan = NULL;
+        *scan = made;
+        made = NULL;
     }
-    nacre_scan_close(scan);
+    nacre_scan_close(made);
     return status;
 }
 

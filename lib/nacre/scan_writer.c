@@ -1,4 +1,5 @@
 /* Writing a scan, one response a tile. */
+#include "channel.h"
 #include "exr_stream.h"
 #include "nacre/whole_file.h"
 #include "scan_window.h"
@@ -17,8 +18,6 @@ struct nacre_scan_writer {
     float *response; /* [channels][K][K], as it is stored */
     bool *written;   /* [height][width] */
 };
-
-static const char *const colour_names[] = {"R", "G", "B"};
 
 static int check_info(const char *path, const struct nacre_scan_info *info,
                       struct nacre_error *error)
@@ -72,7 +71,7 @@ static exr_result_t declare(exr_context_t context, const struct nacre_scan_info 
                                          EXR_TILE_ONE_LEVEL, EXR_TILE_ROUND_DOWN);
     }
     for (int c = 0; c < info->channels && result == EXR_ERR_SUCCESS; c++) {
-        result = exr_add_channel(context, 0, info->channels == 1 ? "Y" : colour_names[c],
+        result = exr_add_channel(context, 0, channel_name(info->channels, c),
                                  info->pixel == NACRE_HALF ? EXR_PIXEL_HALF : EXR_PIXEL_FLOAT,
                                  EXR_PERCEPTUALLY_LOGARITHMIC, 1, 1);
     }
@@ -92,41 +91,41 @@ static exr_result_t declare(exr_context_t context, const struct nacre_scan_info 
 }
 
 int nacre_scan_create(const char *path, const struct nacre_scan_info *info,
-                      struct nacre_scan_writer **created, struct nacre_error *error)
+                      struct nacre_scan_writer **writer, struct nacre_error *error)
 {
-    *created = NULL;
+    *writer = NULL;
     int status = check_info(path, info, error);
     if (status != NACRE_OK) {
         return status;
     }
-    struct nacre_scan_writer *writer = calloc(1, sizeof *writer);
-    if (!writer) {
+    struct nacre_scan_writer *made = calloc(1, sizeof *made);
+    if (!made) {
         return nacre_fail_memory(error, path);
     }
-    writer->info = *info;
-    writer->info.source[sizeof writer->info.source - 1] = '\0';
-    writer->path = strdup(path);
-    writer->response = calloc(nacre_scan_response_size(info), sizeof *writer->response);
-    writer->written = calloc((size_t)info->width * (size_t)info->height, sizeof *writer->written);
-    if (!writer->path || !writer->response || !writer->written) {
+    made->info = *info;
+    made->info.source[sizeof made->info.source - 1] = '\0';
+    made->path = strdup(path);
+    made->response = calloc(nacre_scan_response_size(info), sizeof *made->response);
+    made->written = calloc((size_t)info->width * (size_t)info->height, sizeof *made->written);
+    if (!made->path || !made->response || !made->written) {
         status = nacre_fail_memory(error, path);
         goto out;
     }
-    status = whole_file_create(&writer->whole, path, error);
+    status = whole_file_create(&made->whole, path, error);
     if (status == NACRE_OK) {
-        status = exr_stream_create(&writer->stream, writer->whole.temporary, path, error);
+        status = exr_stream_create(&made->stream, made->whole.temporary, path, error);
     }
     if (status == NACRE_OK) {
-        exr_result_t result = declare(writer->stream.context, &writer->info);
+        exr_result_t result = declare(made->stream.context, &made->info);
         if (result != EXR_ERR_SUCCESS) {
-            status = exr_stream_fail(&writer->stream, result, error, "cannot write its header");
+            status = exr_stream_fail(&made->stream, result, error, "cannot write its header");
         }
     }
 out:
     if (status == NACRE_OK) {
-        *created = writer;
+        *writer = made;
     } else {
-        nacre_scan_discard(writer);
+        nacre_scan_discard(made);
     }
     return status;
 }
@@ -148,11 +147,8 @@ static exr_result_t encode(struct nacre_scan_writer *writer, int x, int y)
     size_t window = (size_t)writer->info.window;
     for (int c = 0; c < pipeline->channel_count; c++) {
         exr_coding_channel_info_t *channel = &pipeline->channels[c];
-        size_t plane = 0;
-        while (plane < 2 && strcmp(channel->channel_name, colour_names[plane]) != 0) {
-            plane++;
-        }
-        plane = writer->info.channels == 1 ? 0 : plane;
+        /* never -1: the names are those that declare gave */
+        size_t plane = (size_t)channel_find(writer->info.channels, channel->channel_name);
         channel->user_data_type = EXR_PIXEL_FLOAT;
         channel->user_bytes_per_element = sizeof(float);
         channel->user_pixel_stride = sizeof(float);

@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <stdbool.h>
 #include <stdint.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -73,14 +74,14 @@ static int fail_create(const char *path, int number, struct nacre_error *error)
 int whole_file_create(struct whole_file *file, const char *path, struct nacre_error *error)
 {
     *file = (struct whole_file){0};
-    int status = check_place(path, error);
-    if (status != NACRE_OK) {
+    bool made = false;
+    if (check_place(path, error) != NACRE_OK) {
         goto out;
     }
     file->path = resolve(path);
     file->temporary = file->path ? malloc(strlen(file->path) + 32) : NULL;
     if (!file->temporary) {
-        status = nacre_fail_memory(error, path);
+        (void)nacre_fail_memory(error, path);
         goto out;
     }
     size_t folder = folder_length(file->path);
@@ -98,17 +99,18 @@ int whole_file_create(struct whole_file *file, const char *path, struct nacre_er
         }
     }
     if (descriptor < 0) {
-        status = fail_create(path, errno, error);
+        (void)fail_create(path, errno, error);
         free(file->temporary); /* not ours to remove */
         file->temporary = NULL;
         goto out;
     }
     (void)close(descriptor); /* nothing was written that could be lost */
+    made = true;
 out:
-    if (status != NACRE_OK) {
+    if (!made) {
         whole_file_discard(file);
     }
-    return status;
+    return made ? NACRE_OK : NACRE_FAILED;
 }
 
 /* Wait until the data of the file or folder `path` is on the disk. */

@@ -65,7 +65,8 @@ static void expect_formula(struct made_material wanted)
 {
     struct nacre_material material = made_material(wanted);
     int window = material.window;
-    float *response = calloc((size_t)(material.channels * window * window), sizeof *response);
+    float *response =
+        calloc((size_t)material.channels * (size_t)(window * window), sizeof *response);
     for (int yi = 0; yi < material.height; yi++) {
         for (int xi = 0; xi < material.width; xi++) {
             nacre_material_response(&material, xi, yi, response);
@@ -133,7 +134,8 @@ static void expect_frequencies(struct made_material wanted, int channel, int xi,
         total += formula(&material, channel, xi, yi, xi + i % K - 2, yi + i / K - 2);
     }
     for (int i = 0; i < N * N; i++) {
-        float u[2] = {((float)(i % N) + 0.5f) / N, ((float)(i / N) + 0.5f) / N};
+        int row = i / N;
+        float u[2] = {((float)(i % N) + 0.5f) / N, ((float)row + 0.5f) / N};
         int xo = -1;
         int yo = -1;
         float probability = 0;
@@ -147,7 +149,8 @@ static void expect_frequencies(struct made_material wanted, int channel, int xi,
     double chi_square = 0;
     for (int i = 0; i < K * K; i++) {
         double share = formula(&material, channel, xi, yi, xi + i % K - 2, yi + i / K - 2) / total;
-        double got = (double)counts[i / K][i % K] / (N * N);
+        int count = counts[i / K][i % K];
+        double got = (double)count / (N * N);
         TEST_ASSERT_DOUBLE_WITHIN(2.0 / N + 1.0 / (N * N), share, got);
         if (share > 0) {
             chi_square += (got - share) * (got - share) / share * N * N;

@@ -4,6 +4,7 @@
 #include "scratch.h"
 
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
@@ -263,10 +264,10 @@ static void files_that_no_reader_would_take_are_not_written(void)
     (void)exr_part_add_plane(&file.parts[0], "Y", NACRE_FLOAT);
     (void)exr_part_add_plane(&file.parts[0], "Y", NACRE_HALF);
     expect_unwritable(&file, "channel Y twice");
-    strcpy(file.parts[0].planes[1].name, "Z");
+    (void)snprintf(file.parts[0].planes[1].name, 64, "%s", "Z");
     (void)exr_file_add_part(&file, "b", 4, 4);
     expect_unwritable(&file, "has no name");
-    strcpy(file.parts[0].name, "b");
+    (void)snprintf(file.parts[0].name, 64, "%s", "b");
     expect_unwritable(&file, "two parts are named b");
     exr_file_finish(&file);
     (void)exr_file_add_part(&file, "", 0, 4);

@@ -286,7 +286,7 @@ static struct exr_attribute *attribute(struct exr_file *file, const char *name)
 
 static void rename_attribute(struct exr_file *file, const char *name)
 {
-    strcpy(attribute(file, name)->name, "nacre.other");
+    (void)snprintf(attribute(file, name)->name, 64, "%s", "nacre.other");
 }
 
 static void set_string(struct exr_file *file, const char *name, const char *text)
@@ -369,7 +369,7 @@ static void with_short_history(struct exr_file *file)
 
 static void without_part(struct exr_file *file, const char *name)
 {
-    strcpy(exr_file_find_part(file, name)->name, "other");
+    (void)snprintf(exr_file_find_part(file, name)->name, 64, "%s", "other");
 }
 
 static void without_albedo(struct exr_file *file)
@@ -404,7 +404,7 @@ static void with_smaller_factor(struct exr_file *file)
 
 static void rename_plane(struct exr_file *file, const char *part, const char *from, const char *to)
 {
-    strcpy(exr_part_find_plane(exr_file_find_part(file, part), from)->name, to);
+    (void)snprintf(exr_part_find_plane(exr_file_find_part(file, part), from)->name, 64, "%s", to);
 }
 
 static void with_term_twice(struct exr_file *file)
