@@ -1,5 +1,5 @@
-/* The clock seam: all time that decides anything is read here, so that tests and the virtual
- * station can lend their own. */
+/* The clock seam: all time that decides anything is read here, so that tests and the virtual station can lend their
+ * own. */
 #ifndef BASE_CLOCK_H
 #define BASE_CLOCK_H
 

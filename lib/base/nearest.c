@@ -10,8 +10,7 @@ static size_t smaller(size_t a, size_t b)
     return a < b ? a : b;
 }
 
-/* Insertions, deletions, substitutions and swaps of neighbours that turn `a` into `b`; both at most
- * LONGEST long. */
+/* Insertions, deletions, substitutions and swaps of neighbours that turn `a` into `b`; both at most LONGEST long. */
 static size_t edit_distance(const char *a, const char *b)
 {
     size_t rows[3][LONGEST + 1];

@@ -17,8 +17,8 @@ enum number_status number_parse_int(const char *text, int *value);
 /* Whether minimum <= value <= maximum; both 0: always. */
 bool number_is_within(double value, double minimum, double maximum);
 
-/* The limits in words: "1 to 512", "at least 0 mm", "at most 7"; empty without limits. Infinities
- * and an int's own limits count as none. `unit` may be NULL. */
+/* The limits in words: "1 to 512", "at least 0 mm", "at most 7"; empty without limits. Infinities and an int's own
+ * limits count as none. `unit` may be NULL. */
 void number_describe_range(double minimum, double maximum, const char *unit, char *text,
                            size_t size);
 

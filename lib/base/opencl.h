@@ -26,14 +26,13 @@ struct opencl {
     char name[256];
 };
 
-/* Open a device. `selector` is NULL or "" for NACRE_DEVICE's value, or without that the first GPU,
- * else the first device; otherwise an index as `nacre devices` prints it, or part of a device's
- * name. The caller closes it. */
+/* Open a device. `selector` is NULL or "" for NACRE_DEVICE's value, or without that the first GPU, else the first
+ * device; otherwise an index as `nacre devices` prints it, or part of a device's name. The caller closes it. */
 int opencl_open(const char *selector, struct opencl *opencl, struct nacre_error *error);
 void opencl_close(struct opencl *opencl); /* a zeroed one is allowed */
 
-/* Every device, in the order of the indices that opencl_open takes; call with NULL to count.
- * Returns their number, 0 where no OpenCL platform is installed. */
+/* Every device, in the order of the indices that opencl_open takes; call with NULL to count. Returns their number, 0
+ * where no OpenCL platform is installed. */
 size_t opencl_list(cl_device_id *devices, size_t capacity);
 
 /* Compile `source` with `options` ("-DT=12"). A failure carries the device and the first lines of the compiler's log.

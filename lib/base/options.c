@@ -120,8 +120,7 @@ static const struct option_spec *find_option(const struct parser *parser, int va
     return NULL;
 }
 
-/* A long option that getopt did not take: unknown, short for several, or given an argument it does
- * not have. */
+/* A long option that getopt did not take: unknown, short for several, or given an argument it does not have. */
 static int refuse_long(const struct parser *parser, const char *typed, struct nacre_error *error)
 {
     char name[64];
@@ -336,8 +335,8 @@ static int run_help(const struct program *program, int argc, char **argv)
     return finish_output(program, NULL, EXIT_SUCCESS);
 }
 
-/* A standard stream that the caller closed would give its number to the next file opened, and
- * messages would be written into that. Opened the wrong way round, using it fails instead. */
+/* A standard stream that the caller closed would give its number to the next file opened, and messages would be written
+ * into that. Opened the wrong way round, using it fails instead. */
 static void hold_standard_streams(void)
 {
     for (int number = 0; number <= 2; number++) {

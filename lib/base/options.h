@@ -35,8 +35,7 @@ struct option_spec {
     size_t offset;        /* of the value in the verb's settings */
 };
 
-/* What every verb is given beside its own settings; the options behind it are added to every verb's
- * own. */
+/* What every verb is given beside its own settings; the options behind it are added to every verb's own. */
 struct invocation {
     bool quiet;         /* --quiet: no progress */
     bool json;          /* --json: results on standard output as JSON */
@@ -63,15 +62,14 @@ struct program {
     const struct verb *const *verbs; /* NULL-terminated */
 };
 
-/* Run the program: choose the verb, parse, call it. Returns the exit status: 0 done, 1 failed, 2
- * wrong usage, 130 stopped by the user. An error is printed as one message on standard error.
- * Beside the verbs it knows --help,
+/* Run the program: choose the verb, parse, call it. Returns the exit status: 0 done, 1 failed, 2 wrong usage, 130
+ * stopped by the user. An error is printed as one message on standard error. Beside the verbs it knows --help,
  * --version, `help [VERB]` and, for the build, `help --man [VERB]`. */
 int options_run(const struct program *program, int argc, char **argv);
 
-/* Parse one verb's arguments (argv[0] is ignored). `settings` is zeroed memory of settings_size and
- * gets the defaults first. A wrong option or value fails with a text that names it and says what
- * would be right. `*wants_help` is set by --help. argv is reordered. */
+/* Parse one verb's arguments (argv[0] is ignored). `settings` is zeroed memory of settings_size and gets the defaults
+ * first. A wrong option or value fails with a text that names it and says what would be right. `*wants_help` is set by
+ * --help. argv is reordered. */
 int options_parse(const struct verb *verb, int argc, char **argv, void *settings,
                   struct invocation *invocation, bool *wants_help, struct nacre_error *error);
 

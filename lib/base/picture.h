@@ -15,12 +15,12 @@ struct picture {
 int picture_allocate(struct picture *picture, int width, int height, struct nacre_error *error);
 void picture_finish(struct picture *picture);
 
-/* Read by the ending of the name: .exr (R G B or Y) or .png (decoded from sRGB). */
+/* Read by the ending of the name: .exr (R G B or Y of the first part) or .png of any kind (decoded from sRGB, or by its
+ * gAMA where that says something else; what is transparent is black). */
 int picture_read(const char *path, struct picture *picture, struct nacre_error *error);
 
-/* Write by the ending of the name: .exr (HALF, ZIP, with `key=value` string attributes "nacre.KEY"
- * from the NULL-terminated list, which may be NULL) or .png (sRGB, values clipped to 0..1, NaN as
- * magenta). */
+/* Write by the ending of the name: .exr (HALF, ZIP, with `key=value` string attributes "nacre.KEY" from the
+ * NULL-terminated list, which may be NULL) or .png (sRGB, values clipped to 0..1, NaN as magenta). */
 int picture_write(const char *path, const struct picture *picture, const char *const *attributes,
                   struct nacre_error *error);
 

@@ -37,8 +37,7 @@ static void ignore_warning(png_structp png, png_const_charp message)
     (void)message; /* a stray chunk is no reason to stop or to print */
 }
 
-/* The values that a PNG with this gAMA stands for; 0: it has none. Nearly everything that says
- * 0.45455 means sRGB. */
+/* The values that a PNG with this gAMA stands for; 0: it has none. Nearly everything that says 0.45455 means sRGB. */
 static void fill_linear(float *linear, size_t count, double gamma)
 {
     bool is_srgb = gamma <= 0 || fabs(gamma - 0.45455) < 0.005;
@@ -57,8 +56,7 @@ static unsigned char encode_srgb(float linear)
     return (unsigned char)(255 * value + 0.5);
 }
 
-/* Have libpng turn every kind of PNG into R G B A of 8 or 16 bits. Returns the bytes a sample
- * takes. */
+/* Have libpng turn every kind of PNG into R G B A of 8 or 16 bits. Returns the bytes a sample takes. */
 static size_t choose_conversions(struct png_task *task)
 {
     png_set_expand(task->png);

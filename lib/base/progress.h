@@ -7,8 +7,7 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* One task's progress, on standard error. Zero-initialised it stays silent but still notices
- * Ctrl-C. */
+/* One task's progress, on standard error. Zero-initialised it stays silent but still notices Ctrl-C. */
 struct progress {
     const char *task; /* "factoring" */
     bool visible;     /* standard error is a terminal and --quiet was not given */
@@ -18,18 +17,16 @@ struct progress {
 /* Begin a task; `quiet` silences it. */
 struct progress progress_begin(const char *task, bool quiet);
 
-/* `done` of `total` steps are behind us; `detail` (may be NULL) is shown behind the bar ("objective
- * 0.0123"). Draws at most ten times a second. Returns NACRE_OK, or NACRE_CANCELLED with the text
- * set when the user asked to stop. `progress` may be NULL: nothing is shown, cancelling still
- * works. One thread at a time. */
+/* `done` of `total` steps are behind us; `detail` (may be NULL) is shown behind the bar ("objective 0.0123"). Draws at
+ * most ten times a second. Returns NACRE_OK, or NACRE_CANCELLED with the text set when the user asked to stop.
+ * `progress` may be NULL: nothing is shown, cancelling still works. One thread at a time. */
 int progress_step(struct progress *progress, double done, double total, const char *detail,
                   struct nacre_error *error);
 
 /* Wipe the bar. NULL is allowed. */
 void progress_end(struct progress *progress);
 
-/* Make SIGINT and SIGTERM set the flag that progress_step reports; a second signal ends the process
- * at once. */
+/* Make SIGINT and SIGTERM set the flag that progress_step reports; a second signal ends the process at once. */
 void progress_catch_signals(void);
 
 /* Whether such a signal came. */

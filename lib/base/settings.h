@@ -1,5 +1,4 @@
-/* YAML settings read into C structs by tables that refuse what they do not know, with line and
- * column. */
+/* YAML settings read into C structs by tables that refuse what they do not know, with line and column. */
 #ifndef BASE_SETTINGS_H
 #define BASE_SETTINGS_H
 
@@ -47,9 +46,8 @@ struct settings_schema {
     size_t line_offset; /* of an int that gets the mapping's line (0: none) */
 };
 
-/* Read `path` into *out (zeroed here first). On failure nothing is held. A message names file,
- * line, column, key and what would be right. Structs that are left out get their defaults, and what
- * they require is not missed. */
+/* Read `path` into *out (zeroed here first). On failure nothing is held. A message names file, line, column, key and
+ * what would be right. Structs that are left out get their defaults, and what they require is not missed. */
 int settings_read(const char *path, const struct settings_schema *schema, void *out,
                   struct nacre_error *error);
 
@@ -57,15 +55,14 @@ int settings_read(const char *path, const struct settings_schema *schema, void *
 int settings_parse(const char *name, const char *folder, const char *text, size_t size,
                    const struct settings_schema *schema, void *out, struct nacre_error *error);
 
-/* Write *in as YAML that settings_read takes back with equal values: the whole file or none. Values
- * equal to their default are written too, so that the file says everything. Strings that are NULL
- * are left out. Relative paths, which hold from the working folder, are written as absolute ones.
- * What settings_read would refuse is refused here. */
+/* Write *in as YAML that settings_read takes back with equal values: the whole file or none. Values equal to their
+ * default are written too, so that the file says everything. Strings that are NULL are left out. Relative paths, which
+ * hold from the working folder, are written as absolute ones. What settings_read would refuse is refused here. */
 int settings_write(const char *path, const struct settings_schema *schema, const void *in,
                    struct nacre_error *error);
 
-/* Whether two structs that were read say the same. Where they do not, `where` gets the key
- * ("camera.bits", cut to `size`) of the first difference. */
+/* Whether two structs that were read say the same. Where they do not, `where` gets the key ("camera.bits", cut to
+ * `size`) of the first difference. */
 bool settings_same(const struct settings_schema *schema, const void *a, const void *b, char *where,
                    size_t size);
 

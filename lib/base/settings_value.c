@@ -1,5 +1,4 @@
-/* Scalars and sequences of scalars: from a YAML node to a member of a struct, checked against the
- * field. */
+/* Scalars and sequences of scalars: from a YAML node to a member of a struct, checked against the field. */
 #include "base/settings_value.h"
 
 #include "base/nearest.h"

@@ -23,8 +23,8 @@ int settings_apply_defaults(const struct settings_source *source,
                             const struct settings_schema *schema, void *out,
                             struct nacre_error *error);
 
-/* Put a node that is no mapping by schema at the field's place in `out`. What was allocated hangs
- * in `out`, also on failure. */
+/* Put a node that is no mapping by schema at the field's place in `out`. What was allocated hangs in `out`, also on
+ * failure. */
 int settings_set_value(const struct settings_source *source, const struct settings_field *field,
                        const yaml_node_t *node, void *out, struct nacre_error *error);
 
