@@ -6,35 +6,35 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-static const char sample[] = "width: 16\n"
-                             "height: 12\n"
-                             "pitch_mm: 1\n"
-                             "thickness_mm: 8\n"
+static const char sample[] = "width: 20\n"
+                             "height: 16\n"
+                             "pitch_mm: 0.4\n"
+                             "thickness_mm: 4\n"
                              "margin_points: 3\n"
                              "base: light\n"
                              "materials:\n"
                              "  - name: light\n"
                              "    scattering_per_mm: [2.4, 2.3, 2.1]\n"
-                             "    absorption_per_mm: [0.05, 0.1, 0.3]\n"
+                             "    absorption_per_mm: [0.2, 0.3, 0.6]\n"
                              "  - name: red\n"
                              "    scattering_per_mm: [2.9, 2.7, 2.6]\n"
-                             "    absorption_per_mm: [0.1, 0.6, 1.0]\n"
+                             "    absorption_per_mm: [0.4, 1.0, 1.4]\n"
                              "inclusions:\n"
                              "  - material: red\n"
-                             "    bands: {angle_deg: 35, period_mm: 9, fraction: 0.5}\n";
+                             "    bands: {angle_deg: 35, period_mm: 4, fraction: 0.5}\n";
 
 static const char plan[] = "seed: 5\n"
                            "black_frames: 16\n"
                            "white_frames: 2\n"
                            "dot_spacing: 6\n"
                            "dot_shift: 3\n"
-                           "grid_spacing: 6\n"
-                           "window: 5\n"
+                           "grid_spacing: 11\n"
+                           "window: 11\n"
                            "exposure_turns: [1, 8, 60]\n";
 
 static const char station[] =
-    "sample: {width: 16, height: 12, pitch_mm: 1}\n"
-    "camera: {driver: virtual, width: 84, height: 68, bits: 10, bayer: RGGB, pedestal: 16,\n"
+    "sample: {width: 20, height: 16, pitch_mm: 0.4}\n"
+    "camera: {driver: virtual, width: 96, height: 80, bits: 10, bayer: RGGB, pedestal: 16,\n"
     "         read_noise: 0.5}\n"
     "projector: {driver: virtual, wheel_hz: 30}\n"
     "trigger: {driver: virtual}\n"

@@ -2,9 +2,10 @@
 #ifndef TESTS_CMD_STATIONS_H
 #define TESTS_CMD_STATIONS_H
 
-enum { STATION_WIDTH = 16, STATION_HEIGHT = 12, STATION_GRIDS = 36 };
+enum { STATION_WIDTH = 20, STATION_HEIGHT = 16, STATION_WINDOW = 11, STATION_GRIDS = 121 };
+#define STATION_WINDOW_TEXT "11"
 
-/* Write FOLDER/station.yaml, plan.yaml and sample.yaml: 16 x 12 points of two materials, a 5 x 5 window. */
+/* Write FOLDER/station.yaml, plan.yaml and sample.yaml: 20 x 16 points of two materials, an 11 x 11 window. */
 void stations_write(const char *folder);
 
 /* Write a scene of a slab in that material. */

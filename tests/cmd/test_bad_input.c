@@ -255,11 +255,11 @@ static void numbers_out_of_range_are_wrong_usage(void)
     REFUSES(WRONG_USAGE, "--clusters", "factor", scan, "-o", out, "--clusters", "many");
 }
 
-/* The scan of the station has 16 x 12 = 192 points. */
+/* The scan of the station has 20 x 16 = 320 points. */
 static void more_clusters_than_points_are_refused(void)
 {
-    REFUSES(FAILED, "192", "factor", input("small.exr"), "-o", output("out.exr"), "--clusters",
-            "193");
+    REFUSES(FAILED, "320", "factor", input("small.exr"), "-o", output("out.exr"), "--clusters",
+            "321");
 }
 
 static void arguments_left_out_are_wrong_usage(void)
@@ -296,7 +296,7 @@ static void every_writer_refuses_the_output(const struct circumstances *around, 
     REFUSES_UNDER(around, FAILED, session, "scan", session, "--station", input("station.yaml"));
     REFUSES_UNDER(around, FAILED, exr, "develop", input("session"), "-o", exr);
     REFUSES_UNDER(around, FAILED, exr, "simulate", input("sample.yaml"), "-o", exr, "--window",
-                  "5");
+                  "11");
     REFUSES_UNDER(around, FAILED, exr, "factor", input("scan.exr"), "-o", exr, "--iterations", "1");
     REFUSES_UNDER(around, FAILED, exr, "error", input("scan.exr"), input("material.exr"), "--map",
                   exr);
@@ -362,7 +362,7 @@ static void a_full_disk_leaves_what_was_there(void)
     const struct circumstances *around = can_mount ? NULL : &limited;
     REFUSES_UNDER(around, FAILED, exr, "develop", input("session"), "-o", exr);
     REFUSES_UNDER(around, FAILED, exr, "simulate", input("sample.yaml"), "-o", exr, "--window",
-                  "5");
+                  "11");
     REFUSES_UNDER(around, FAILED, exr, "factor", input("scan.exr"), "-o", exr, "--iterations", "1");
     REFUSES_UNDER(around, FAILED, png, "render", input("scene.yaml"), "-o", png);
     REFUSES_UNDER(around, FAILED, exr, "render", input("scene.yaml"), "-o", exr);
