@@ -168,7 +168,7 @@ static int run(const void *settings, const struct invocation *invocation, struct
 const struct verb verb_develop = {
     .name = "develop",
     .operands = "SESSION -o SCAN",
-    .summary = "makes responses of a session's frames",
+    .summary = "make responses of a session's frames",
     .text = "Merges the raw exposures of every pattern, takes the black level off, divides by the "
             "white frames, "
             "maps camera pixels to surface points by the dots patterns, and cuts out the response "

@@ -93,7 +93,7 @@ static int run(const void *settings, const struct invocation *invocation, struct
 const struct verb verb_devices = {
     .name = "devices",
     .operands = "",
-    .summary = "lists OpenCL devices",
+    .summary = "list OpenCL devices",
     .text = "Prints the number, name, kind, compute units, memory and OpenCL version of every "
             "device that computing can run on.",
     .run = run,

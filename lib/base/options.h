@@ -47,7 +47,7 @@ struct invocation {
 struct verb {
     const char *name;
     const char *operands; /* as shown in the usage line: "SCAN -o MATERIAL" */
-    const char *summary;  /* one line */
+    const char *summary;  /* one line, as an order: "factor a scan into a material" */
     const char *text;     /* a paragraph or two for the manual */
     int operand_minimum, operand_maximum;
     const struct option_spec *options;

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { WIDTH = 80, INDENT = 6 };
+enum { WIDTH = 80, INDENT = 6, VERB_WIDTH = 10 };
 
 /* "--terms N", "-o, --output FILE". */
 static void name_option(const struct option_spec *spec, char *text, size_t size)
@@ -28,10 +28,9 @@ static void describe_option(const struct option_spec *spec, char *text, size_t s
                    fallback && spec->unit ? spec->unit : "");
 }
 
-/* Print a paragraph filled to WIDTH with `indent` blanks before each line. */
-static void print_filled(const char *text, int indent, FILE *file)
+/* Print paragraphs filled to WIDTH with `indent` blanks before each line; `column` characters stand in the first one. */
+static void print_filled(const char *text, int indent, int column, FILE *file)
 {
-    int column = 0;
     while (*text) {
         int length = (int)strcspn(text, " \n");
         if (length && column && column + 1 + length > WIDTH) {
@@ -59,16 +58,17 @@ static void print_table(const struct option_spec *table, FILE *file)
         name_option(table, name, sizeof name);
         describe_option(table, text, sizeof text);
         (void)fprintf(file, "  %s\n", name);
-        print_filled(text, INDENT, file);
+        print_filled(text, INDENT, 0, file);
     }
 }
 
 static void print_program_help(const struct program *program, FILE *file)
 {
-    (void)fprintf(file, "%s %s\n\nUsage: %s VERB [OPTION...] [ARGUMENT...]\n\nVerbs:\n",
-                  program->name, program->summary, program->name);
+    print_filled(program->summary, 0, fprintf(file, "%s -", program->name), file);
+    (void)fprintf(file, "\nUsage: %s VERB [OPTION...] [ARGUMENT...]\n\nVerbs:\n", program->name);
     for (const struct verb *const *verb = program->verbs; *verb; verb++) {
-        (void)fprintf(file, "  %-10s %s\n", (*verb)->name, (*verb)->summary);
+        print_filled((*verb)->summary, VERB_WIDTH + 3,
+                     fprintf(file, "  %-*s", VERB_WIDTH, (*verb)->name), file);
     }
     (void)fprintf(
         file,
@@ -82,11 +82,13 @@ void options_print_help(const struct program *program, const struct verb *verb, 
         print_program_help(program, file);
         return;
     }
-    (void)fprintf(file, "%s %s %s\n\nUsage: %s %s %s [OPTION...]\n", program->name, verb->name,
-                  verb->summary, program->name, verb->name, verb->operands ? verb->operands : "");
+    const char *operands = verb->operands ? verb->operands : "";
+    print_filled(verb->summary, 0, fprintf(file, "%s %s -", program->name, verb->name), file);
+    (void)fprintf(file, "\nUsage: %s %s%s%s [OPTION...]\n", program->name, verb->name,
+                  *operands ? " " : "", operands);
     if (verb->text && *verb->text) {
         (void)fputc('\n', file);
-        print_filled(verb->text, 0, file);
+        print_filled(verb->text, 0, 0, file);
     }
     (void)fputs("\nOptions:\n", file);
     print_table(verb->options, file);

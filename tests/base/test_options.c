@@ -125,7 +125,7 @@ static int run(const void *settings, const struct invocation *invocation, struct
 static const struct verb factor = {
     .name = "factor",
     .operands = "SCAN -o MATERIAL",
-    .summary = "factors a scan",
+    .summary = "factor a scan by a method whose name is too long for one line of a terminal",
     .text = "It's the first paragraph, whose words are so many that they take up more than a single"
             " line of eighty columns.\n\n.The second \\ has 'roff' characters-and-dashes.",
     .operand_minimum = 1,
@@ -136,7 +136,7 @@ static const struct verb factor = {
 };
 
 static const struct verb devices = {
-    .name = "devices", .operands = "", .summary = "lists devices", .run = run};
+    .name = "devices", .operands = "", .summary = "list devices", .run = run};
 
 static const struct verb *const verbs[] = {&factor, &devices, NULL};
 static const struct program program = {
@@ -529,8 +529,8 @@ static void version_and_help_print_on_stdout_and_exit_with_0(void)
     TEST_ASSERT_EQUAL_STRING("nacre 1.2.3\n", outcome.out);
     outcome = RUN("--help");
     TEST_ASSERT_EQUAL_INT(0, outcome.status);
-    TEST_ASSERT_NOT_NULL(strstr(outcome.out, "factors a scan"));
-    TEST_ASSERT_NOT_NULL(strstr(outcome.out, "lists devices"));
+    TEST_ASSERT_NOT_NULL(strstr(outcome.out, "factor a scan"));
+    TEST_ASSERT_NOT_NULL(strstr(outcome.out, "list devices"));
     struct outcome again = RUN("help");
     TEST_ASSERT_EQUAL_STRING(outcome.out, again.out);
     outcome = RUN("factor", "--help");
@@ -550,6 +550,13 @@ static void a_verb_without_options_of_its_own_has_the_common_ones(void)
     TEST_ASSERT_NOT_NULL(strstr(outcome.err, "'a' is one argument too many: devices takes none"));
 }
 
+static void expect_narrow_lines(char *text)
+{
+    for (char *line = strtok(text, "\n"); line; line = strtok(NULL, "\n")) {
+        TEST_ASSERT_TRUE_MESSAGE(strlen(line) <= 80, line);
+    }
+}
+
 static void help_fits_eighty_columns_and_names_range_and_default(void)
 {
     struct outcome outcome = RUN("factor", "--help");
@@ -558,9 +565,10 @@ static void help_fits_eighty_columns_and_names_range_and_default(void)
                                              "      number of terms; 1 to 512, default 10\n"));
     TEST_ASSERT_NOT_NULL(strstr(outcome.out, "at least 0.01 mm, default 0.5 mm"));
     TEST_ASSERT_NOT_NULL(strstr(outcome.out, "hals, mu or newton, default mu"));
-    for (char *line = strtok(outcome.out, "\n"); line; line = strtok(NULL, "\n")) {
-        TEST_ASSERT_TRUE_MESSAGE(strlen(line) <= 80, line);
-    }
+    expect_narrow_lines(outcome.out);
+    outcome = RUN("--help");
+    TEST_ASSERT_NOT_NULL(strstr(outcome.out, "\n  devices    list devices\n"));
+    expect_narrow_lines(outcome.out);
 }
 
 static void man_pages_hold_every_option_and_no_stray_roff(void)
