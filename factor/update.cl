@@ -34,7 +34,8 @@
 #endif
 #ifndef PREFETCH
 #ifdef __clang__
-#define PREFETCH 1 /* blocks of responses fetched ahead of their use; a whole seventh faster where it exists */
+#define PREFETCH                                                                                   \
+    1 /* blocks of responses fetched ahead of their use; a whole seventh faster where it exists */
 #else
 #define PREFETCH 0
 #endif
@@ -50,23 +51,23 @@
 #endif
 
 #define JOIN_(a, b) a##b
-#define JOIN(a, b) JOIN_(a, b)
-#define VEC JOIN(float, LANES)
-#define IVEC JOIN(int, LANES)
-#define VLOAD JOIN(vload, LANES)
-#define INLINE static inline __attribute__((always_inline))
-#define UNROLL _Pragma("unroll")
+#define JOIN(a, b)  JOIN_(a, b)
+#define VEC         JOIN(float, LANES)
+#define IVEC        JOIN(int, LANES)
+#define VLOAD       JOIN(vload, LANES)
+#define INLINE      static inline __attribute__((always_inline))
+#define UNROLL      _Pragma("unroll")
 
 #if LANES == 4
-#define LOG_LANES 2
+#define LOG_LANES    2
 #define LANE_NUMBERS (int4)(0, 1, 2, 3)
-#define LANE_BITS (int4)(1, 2, 4, 8)
+#define LANE_BITS    (int4)(1, 2, 4, 8)
 #elif LANES == 8
-#define LOG_LANES 3
+#define LOG_LANES    3
 #define LANE_NUMBERS (int8)(0, 1, 2, 3, 4, 5, 6, 7)
-#define LANE_BITS (int8)(1, 2, 4, 8, 16, 32, 64, 128)
+#define LANE_BITS    (int8)(1, 2, 4, 8, 16, 32, 64, 128)
 #else
-#define LOG_LANES 4
+#define LOG_LANES    4
 #define LANE_NUMBERS (int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15)
 #define LANE_BITS                                                                                  \
     (int16)(1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768)
@@ -75,14 +76,14 @@
 /* As struct sizes in update.c. */
 struct sizes {
     int width, height, window, terms, planes;
-    int blocks;   /* of LANES points in a row */
-    int stride;   /* floats of one row of one plane of a factor */
-    int pad;      /* zeros before each row */
-    int row;      /* floats of a row (y, dy) of responses */
-    int lead;     /* floats before the first */
-    int scratch;  /* floats of scratch of one work-item */
-    float guard;  /* added to denominators */
-    float floor;  /* smallest factor value inside the sample */
+    int blocks;     /* of LANES points in a row */
+    int stride;     /* floats of one row of one plane of a factor */
+    int pad;        /* zeros before each row */
+    int row;        /* floats of a row (y, dy) of responses */
+    int lead;       /* floats before the first */
+    int scratch;    /* floats of scratch of one work-item */
+    float guard;    /* added to denominators */
+    float floor;    /* smallest factor value inside the sample */
     float exponent; /* of the regularised update: 1 is none */
     float unit;     /* of factor values, for the exponent */
 };
@@ -113,10 +114,9 @@ INLINE IVEC load_mask(global const ushort *row, int window, int block, int e, in
         global const ushort *near = row + from * window + e;
         bits = (near[0] >> shift) | (near[window] << (LANES - shift));
     }
-    return ((IVEC)(bits) & LANE_BITS) != 0;
+    return ((IVEC)(bits)&LANE_BITS) != 0;
 }
 
-#if CLUSTERED
 /* Spread the row dy of each point's kernel into the layout of a row of responses. */
 INLINE void spread_kernels(global float *strip, global const float *kernels,
                            global const int *labels, int v, const struct sizes s)
@@ -132,7 +132,6 @@ INLINE void spread_kernels(global float *strip, global const float *kernels,
         }
     }
 }
-#endif
 
 /* The rows that a work-item's point rows share with one row of the other factor. */
 struct rows {
@@ -151,8 +150,8 @@ struct rows {
     {                                                                                              \
         VEC product[ROWS][COUNT];                                                                  \
         VEC total = 0;                                                                             \
-        global const float *other = rows->other + b * LANES +                                      \
-                                    (outgoing ? s.window / 2 - e : e - s.window / 2);              \
+        global const float *other =                                                                \
+            rows->other + b * LANES + (outgoing ? s.window / 2 - e : e - s.window / 2);            \
         UNROLL for (int r = 0; r < ROWS; r++)                                                      \
         {                                                                                          \
             UNROLL for (int j = 0; j < COUNT; j++)                                                 \
@@ -192,30 +191,31 @@ INLINE VEC finish_entry(const struct rows *rows, VEC *v, VEC *w, int r, int b, i
 {
     VEC response = load_entry(rows->responses[r], s.window, b, e, outgoing);
     VEC error = 0;
-#if CLUSTERED
-    VEC g = load_entry(rows->g[r], s.window, b, e, outgoing);
-#else
-    VEC g = (VEC)(rows->g[r][e]);
-#endif
+    VEC g;
+    if (CLUSTERED) {
+        g = load_entry(rows->g[r], s.window, b, e, outgoing);
+    } else {
+        g = (VEC)(rows->g[r][e]);
+    }
     VEC value = product * g;
-#if MASKED
-    IVEC measured = load_mask(rows->mask[r], s.window, b, e, outgoing);
-    response = select((VEC)(0), response, measured);
-    value = select((VEC)(0), value, measured);
-#endif
+    if (MASKED) {
+        IVEC measured = load_mask(rows->mask[r], s.window, b, e, outgoing);
+        response = select((VEC)(0), response, measured);
+        value = select((VEC)(0), value, measured);
+    }
     if (objective) {
         VEC difference = response - value;
-#if CLUSTERED
-        error = difference * difference / fmax(g, (VEC)(FLT_MIN));
-#else
-        error = difference * difference * rows->inverse[r][e];
-#endif
+        if (CLUSTERED) {
+            error = difference * difference / fmax(g, (VEC)(FLT_MIN));
+        } else {
+            error = difference * difference * rows->inverse[r][e];
+        }
     }
-#if NEGATIVE
-    VEC positive = fmax(response, (VEC)(0));
-    value += positive - response;
-    response = positive;
-#endif
+    if (NEGATIVE) {
+        VEC positive = fmax(response, (VEC)(0));
+        value += positive - response;
+        response = positive;
+    }
     v[j * ROWS + r] = value;
     w[j * ROWS + r] = response;
     return error;
@@ -229,8 +229,8 @@ INLINE void phase_2(const struct rows *rows, const VEC *v, const VEC *w, global 
                     int e, int count, int t, int outgoing, const struct sizes s)
 {
     VEC numerator[GROUP][ROWS], denominator[GROUP][ROWS];
-    global const float *other = rows->other + t * s.stride + b * LANES +
-                                (outgoing ? s.window / 2 - e : e - s.window / 2);
+    global const float *other =
+        rows->other + t * s.stride + b * LANES + (outgoing ? s.window / 2 - e : e - s.window / 2);
     UNROLL for (int k = 0; k < GROUP; k++)
     {
         UNROLL for (int r = 0; r < ROWS; r++)
@@ -242,7 +242,8 @@ INLINE void phase_2(const struct rows *rows, const VEC *v, const VEC *w, global 
     for (int j = 0; j < count; j++) {
 #if PREFETCH
         for (int r = 0; t == 0 && r < ROWS; r++) {
-            global const float *next = rows->responses[r] + ((b + PREFETCH) * s.window + e + j) * LANES;
+            global const float *next =
+                rows->responses[r] + ((b + PREFETCH) * s.window + e + j) * LANES;
             __builtin_prefetch((const void *)(size_t)next);
         }
 #endif
@@ -275,7 +276,8 @@ INLINE VEC sweep(const struct rows *rows, global float *sums, int outgoing, int 
     for (int b = 0; b < s.blocks; b++) {
         VEC block_total = 0;
         /* Columns that reach points of the row: the others' x lie beyond its ends for all lanes. */
-        const int left = b * LANES + LANES - 1, right = s.width - 1 - b * LANES, half_window = s.window / 2;
+        const int left = b * LANES + LANES - 1, right = s.width - 1 - b * LANES,
+                  half_window = s.window / 2;
         const int first = max(0, half_window - (outgoing ? right : left));
         const int end = min(s.window, half_window + 1 + (outgoing ? left : right));
         for (int e = first; e < end; e += CHUNK) {
@@ -285,8 +287,8 @@ INLINE VEC sweep(const struct rows *rows, global float *sums, int outgoing, int 
                                              objective, s);
             }
             for (; j < count; j++) {
-                block_total += phase_1_one(rows, v + j * ROWS, w + j * ROWS, b, e + j, outgoing,
-                                           objective, s);
+                block_total +=
+                    phase_1_one(rows, v + j * ROWS, w + j * ROWS, b, e + j, outgoing, objective, s);
             }
             for (int t = 0; update && t < s.planes; t += GROUP) {
                 global VEC *group = (global VEC *)(sums + (b * s.planes + t) * ROWS * 2 * LANES);
@@ -341,6 +343,7 @@ INLINE void update(global const float *responses, global const ushort *mask,
     const int stop = min(s.height - 1, first + ROWS - 1 + half_window);
     const size_t zeros = (size_t)s.lead + (size_t)s.height * s.window * s.row + s.lead;
     global float *sums = scratch + (size_t)item * s.scratch;
+    global float *strips = sums + s.blocks * s.planes * ROWS * 2 * LANES; /* where CLUSTERED */
     int step = 0;
     for (int i = 0; change && i < s.blocks * s.planes * ROWS * 2 * LANES; i++) {
         sums[i] = 0;
@@ -357,15 +360,15 @@ INLINE void update(global const float *responses, global const ushort *mask,
             rows.own[r] = own + own_y * s.planes * s.stride + s.pad;
             rows.responses[r] = responses + at;
             rows.mask[r] = mask + (MASKED ? at / LANES : 0);
-#if CLUSTERED
-            global float *strip = sums + s.blocks * s.planes * ROWS * 2 * LANES + r * (s.row + 2 * s.lead) + s.lead;
-            rows.g[r] = used ? strip : responses + zeros;
-            if (used) {
+            global float *strip = strips + r * (s.row + 2 * s.lead) + s.lead;
+            if (CLUSTERED) {
+                rows.g[r] = used ? strip : responses + zeros;
+            } else {
+                rows.g[r] = kernels + (used ? v : s.window) * s.window;
+            }
+            if (CLUSTERED && used) {
                 spread_kernels(strip, kernels, labels + lit_y * s.blocks * LANES, v, s);
             }
-#else
-            rows.g[r] = kernels + (used ? v : s.window) * s.window;
-#endif
             rows.inverse[r] = inverses + (used ? v : s.window) * s.window;
         }
         VEC total = sweep(&rows, sums, outgoing, change, objective, s);
@@ -384,8 +387,7 @@ INLINE void update(global const float *responses, global const ushort *mask,
 #define ARGUMENTS                                                                                  \
     global const float *responses, global const ushort *mask, global const int *labels,            \
         global const float *kernels, global const float *inverses, global float *own,              \
-        global float *other, global float *scratch, global float *objectives,                      \
-        const struct sizes s
+        global float *other, global float *scratch, global float *objectives, const struct sizes s
 
 /* The objective of F (own) and H as they are. */
 kernel void measure(ARGUMENTS)
