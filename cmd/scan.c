@@ -79,7 +79,7 @@ static void print_plan(const struct session *session, const struct sequence_need
            plan_pattern_count(plan, PATTERN_BLACK), plan_pattern_count(plan, PATTERN_GRID));
     printf("%-13s", "exposures");
     for (size_t i = 0; i < plan->exposure_count; i++) {
-        printf(" %g ms", (double)(session_exposure_ns(session, i) / 1000) * 1e-3);
+        printf(" %g ms", (double)session_exposure_ns(session, i) * 1e-6);
     }
     printf("\n%-13s %zu patterns, %zu frames\n", "to measure", needs->patterns, needs->exposures);
     print_duration("station time", needs->seconds);

@@ -185,10 +185,11 @@ void optics_project(const struct station *station, const uint8_t *levels, float 
     size_t plane = (size_t)width * (size_t)height;
     double black = projector->contrast > 1 ? 1 / projector->contrast : 0;
     for (size_t i = 0; i < plane; i++) {
-        double x = (double)(i % (size_t)width) + 0.5;
-        double y = (double)(i / (size_t)width) + 0.5;
-        double light = falloff(projector->vignetting, x, y, width, height) *
-                       (black + (1 - black) * levels[i] / 255);
+        size_t column = i % (size_t)width;
+        size_t row = i / (size_t)width;
+        double light =
+            falloff(projector->vignetting, (double)column + 0.5, (double)row + 0.5, width, height) *
+            (black + (1 - black) * levels[i] / 255);
         irradiance[i] = irradiance[plane + i] = irradiance[2 * plane + i] = (float)light;
     }
 }

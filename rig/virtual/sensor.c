@@ -121,7 +121,8 @@ void sensor_expose(const struct station_camera *camera, const float *signal, dou
         {expose_exactly, expose_with_read_noise}, {expose_with_shot_noise, expose_with_both}};
     void (*loop)(const struct exposure *, size_t, size_t) =
         loops[camera->electrons > 0][camera->read_noise > 0];
-    struct exposure exposure = {camera, signal, seconds, key, raw};
+    struct exposure exposure = {camera, signal, seconds, key, NULL};
+    exposure.raw = raw;
 #pragma omp parallel for schedule(dynamic) if (count >= MANY)
     for (size_t first = 0; first < count; first += BLOCK) {
         loop(&exposure, first, first + BLOCK < count ? first + BLOCK : count);
