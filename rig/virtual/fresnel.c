@@ -23,15 +23,18 @@ double fresnel_through_normal(double index)
 
 double fresnel_boundary_a(double index)
 {
-    /* The midpoint rule; with the square-root kink at the critical angle it leaves about 1e-6. */
-    enum { STEPS = 4096 };
-    double first = 0;
-    double second = 0;
+    enum { STEPS = 1024 };
+    /* Below the critical angle's cosine all is reflected; above it R begins like a square root, which is smooth in the
+     * root t of the way to 1. */
+    double critical = sqrt(1 - 1 / (index * index));
+    double first = critical * critical / 2;
+    double second = critical * critical * critical / 3;
     for (int i = 0; i < STEPS; i++) {
-        double cosine = (i + 0.5) / STEPS;
-        double reflected = fresnel_inside(index, cosine);
-        first += reflected * cosine / STEPS;
-        second += reflected * cosine * cosine / STEPS;
+        double t = (i + 0.5) / STEPS;
+        double cosine = critical + (1 - critical) * t * t;
+        double reflected = fresnel_inside(index, cosine) * (1 - critical) * 2 * t / STEPS;
+        first += reflected * cosine;
+        second += reflected * cosine * cosine;
     }
     return (1 + 3 * second) / (1 - 2 * first);
 }
