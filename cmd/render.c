@@ -1,0 +1,256 @@
+/* nacre render: a scene to a picture. */
+#include "render/render.h"
+#include "base/opencl.h"
+#include "base/progress.h"
+#include "cmd/verbs.h"
+#include "nacre/whole_file.h"
+
+#include <jansson.h>
+#include <limits.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <strings.h>
+
+struct render_options {
+    const char *output, *pov, *material;
+    double samples;
+    int rays, photons, seed, triangles;
+    bool albedo, povray_shadows;
+};
+
+static const struct option_spec options[] = {
+    {.name = "output",
+     .letter = 'o',
+     .kind = OPTION_STRING,
+     .argument = "FILE",
+     .required = true,
+     .offset = offsetof(struct render_options, output),
+     .sentence = "the picture to write: .exr is linear, .png is for looking at"},
+    {.name = "material",
+     .letter = 'm',
+     .kind = OPTION_STRING,
+     .argument = "FILE",
+     .offset = offsetof(struct render_options, material),
+     .sentence = "use this material in place of those that the scene names"},
+    {.name = "albedo",
+     .kind = OPTION_FLAG,
+     .offset = offsetof(struct render_options, albedo),
+     .sentence = "show the materials' diffuse albedo, without subsurface scattering"},
+    {.name = "samples",
+     .letter = 's',
+     .kind = OPTION_REAL,
+     .argument = "N",
+     .minimum = 0.01,
+     .maximum = 10000,
+     .fallback = "12",
+     .offset = offsetof(struct render_options, samples),
+     .sentence = "light samples to one surface point of the material"},
+    {.name = "rays",
+     .kind = OPTION_INT,
+     .argument = "N",
+     .minimum = 1,
+     .maximum = 4096,
+     .fallback = "4",
+     .offset = offsetof(struct render_options, rays),
+     .sentence = "shadow rays from each sample to an area light"},
+    {.name = "photons",
+     .kind = OPTION_INT,
+     .argument = "N",
+     .minimum = 0,
+     .maximum = INT_MAX,
+     .fallback = "0",
+     .offset = offsetof(struct render_options, photons),
+     .sentence = "send out this many photons in place of the samples: noisier, but without bias"},
+    {.name = "triangles",
+     .kind = OPTION_INT,
+     .argument = "N",
+     .minimum = 1,
+     .maximum = MESH_TRIANGLES_MAXIMUM,
+     .fallback = "600000",
+     .offset = offsetof(struct render_options, triangles),
+     .sentence = "do not split a mesh's edges into more triangles than this"},
+    {.name = "povray-shadows",
+     .kind = OPTION_FLAG,
+     .offset = offsetof(struct render_options, povray_shadows),
+     .sentence = "leave area lights on plain objects to POV-Ray: slower, and in coarser steps"},
+    {.name = "seed",
+     .kind = OPTION_INT,
+     .argument = "N",
+     .minimum = 0,
+     .maximum = INT_MAX,
+     .fallback = "1",
+     .offset = offsetof(struct render_options, seed),
+     .sentence = "of the random numbers"},
+    {.name = "pov",
+     .kind = OPTION_STRING,
+     .argument = "DIR",
+     .offset = offsetof(struct render_options, pov),
+     .sentence = "leave the POV-Ray files in this folder, to be edited"},
+    {0}};
+
+static void print_object(size_t number, const struct render_object_report *object)
+{
+    const struct bake_counts *counts = &object->counts;
+    (void)printf("object %zu      %zu vertices, %zu triangles", number + 1, object->vertices,
+                 object->triangles);
+    if (object->degenerate > 0) {
+        (void)printf(" (%zu without area left out)", object->degenerate);
+    }
+    (void)printf("\n");
+    if (!object->translucent) {
+        return;
+    }
+    (void)printf("  light       %zu samples, %llu rays\n", counts->samples,
+                 (unsigned long long)counts->rays);
+    (void)printf(
+        "  surface point %.3g mm, drawn larger by %.2f / %.2f / %.2f (5 / 50 / 95 %% of the "
+        "surface)\n",
+        object->point_mm, object->stretch[0], object->stretch[1], object->stretch[2]);
+    if (object->limited) {
+        (void)printf("  coarse      edges are longer than a surface point; raise --triangles\n");
+    }
+}
+
+static void print_text(const char *output, const struct render_report *report)
+{
+    for (size_t i = 0; i < report->object_count; i++) {
+        print_object(i, &report->objects[i]);
+    }
+    (void)printf(
+        "time          mesh %.1f s, light %.1f s, gather %.1f s, export %.1f s, povray %.1f s\n",
+        report->mesh_seconds, report->light_seconds, report->gather_seconds, report->export_seconds,
+        report->povray_seconds);
+    (void)printf("picture       %s\n", output);
+}
+
+static int print_json(const char *output, const struct render_report *report,
+                      struct nacre_error *error)
+{
+    json_t *objects = json_array();
+    json_t *root = json_pack(
+        "{s:s, s:{s:f, s:f, s:f, s:f, s:f}, s:o}", "picture", output, "seconds", "mesh",
+        report->mesh_seconds, "light", report->light_seconds, "gather", report->gather_seconds,
+        "export", report->export_seconds, "povray", report->povray_seconds, "objects", objects);
+    for (size_t i = 0; root && i < report->object_count; i++) {
+        const struct render_object_report *o = &report->objects[i];
+        (void)json_array_append_new(
+            objects,
+            json_pack("{s:I, s:I, s:I, s:b, s:I, s:I, s:I, s:f, s:[f, f, f], s:b}", "vertices",
+                      (json_int_t)o->vertices, "triangles", (json_int_t)o->triangles, "degenerate",
+                      (json_int_t)o->degenerate, "translucent", o->translucent, "samples",
+                      (json_int_t)o->counts.samples, "merged", (json_int_t)o->counts.gather.merged,
+                      "rays", (json_int_t)o->counts.rays, "point_mm", o->point_mm, "stretch",
+                      o->stretch[0], o->stretch[1], o->stretch[2], "limited", o->limited));
+    }
+    int status = root && json_dumpf(root, stdout, JSON_INDENT(2)) == 0 && puts("") >= 0
+                     ? NACRE_OK
+                     : nacre_fail(error, "standard output: cannot write the result");
+    json_decref(root);
+    return status;
+}
+
+/* Whether the picture can be written at all, told before the work and not after it. */
+static int check_output(const char *path, struct nacre_error *error)
+{
+    struct whole_file probe = {0};
+    const char *ending = strrchr(path, '.');
+    if (!ending || (strcasecmp(ending, ".exr") != 0 && strcasecmp(ending, ".png") != 0)) {
+        return nacre_fail(error, "%s: the picture's name must end in .exr or .png", path);
+    }
+    int status = whole_file_create(&probe, path, error);
+    whole_file_discard(&probe);
+    return status;
+}
+
+static int write_picture(const struct render_options *settings, const char *scene_path,
+                         const struct picture *picture, struct nacre_error *error)
+{
+    char *scene = NULL, *how = NULL;
+    int status = NACRE_FAILED;
+    if (asprintf(&scene, "scene=%s", scene_path) < 0) {
+        scene = NULL;
+    }
+    if (asprintf(&how, "render=samples %g, rays %d, photons %d, seed %d%s", settings->samples,
+                 settings->rays, settings->photons, settings->seed,
+                 settings->albedo ? ", albedo" : "") < 0) {
+        how = NULL;
+    }
+    if (scene && how) {
+        const char *const attributes[] = {scene, how, NULL};
+        status = picture_write(settings->output, picture, attributes, error);
+    } else {
+        (void)nacre_fail_memory(error, "the picture's attributes");
+    }
+    free(scene);
+    free(how);
+    return status;
+}
+
+static int run(const void *data, const struct invocation *invocation, struct nacre_error *error)
+{
+    const struct render_options *settings = data;
+    const char *path = invocation->operands[0];
+    struct scene scene = {0};
+    struct opencl opencl = {0};
+    struct picture picture = {0};
+    struct render_report report = {0};
+    const struct render_settings render = {
+        .bake = {.density = settings->samples,
+                 .rays = settings->rays,
+                 .photons = (size_t)settings->photons,
+                 .seed = (uint64_t)settings->seed,
+                 .quiet = invocation->quiet},
+        .triangle_limit = (size_t)settings->triangles,
+        .pov_folder = settings->pov,
+        .material = settings->material,
+        .albedo = settings->albedo,
+        .povray_shadows = settings->povray_shadows,
+    };
+    progress_catch_signals();
+    int status = check_output(settings->output, error);
+    if (status != NACRE_OK) {
+        return status;
+    }
+    status = scene_read(path, &scene, error);
+    if (status != NACRE_OK) {
+        return status;
+    }
+    status = opencl_open(invocation->device, &opencl, error);
+    if (status == NACRE_OK) {
+        status = render_scene(&scene, &render, &opencl, &picture, &report, error);
+        if (status == NACRE_FAILED) {
+            (void)nacre_fail_within(error, "%s", path);
+        }
+    }
+    if (status == NACRE_OK) {
+        status = write_picture(settings, path, &picture, error);
+    }
+    if (status == NACRE_OK && invocation->json) {
+        status = print_json(settings->output, &report, error);
+    } else if (status == NACRE_OK && !invocation->quiet) {
+        print_text(settings->output, &report);
+    }
+    render_report_finish(&report);
+    picture_finish(&picture);
+    opencl_close(&opencl);
+    scene_finish(&scene);
+    return status;
+}
+
+const struct verb verb_render = {
+    .name = "render",
+    .operands = "SCENE -o PICTURE",
+    .summary = "renders a scene with factored materials",
+    .text =
+        "Reads a scene (YAML), calculates the light that leaves every vertex of the translucent "
+        "objects from their factored materials, and has POV-Ray draw the picture with camera, "
+        "plain objects, shadows and highlights.\n\nMeshes are split until no edge is longer than a "
+        "surface point of the material.",
+    .operand_minimum = 1,
+    .operand_maximum = 1,
+    .options = options,
+    .settings_size = sizeof(struct render_options),
+    .run = run,
+};

@@ -1,0 +1,131 @@
+/* Light samples, local light and the gather, put together. */
+#include "render/bake.h"
+
+#include "base/clock.h"
+#include "render/local_light.h"
+#include "render/receivers.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+/* Beyond this, samples that share a surface point are summed up: the smooth kernels are nearly straight over one. */
+static const double near_points = 3;
+
+static double seconds_since(int64_t start_ns)
+{
+    struct clock clock = clock_monotonic();
+    return (double)(clock_now_ns(&clock) - start_ns) * 1e-9;
+}
+
+static int64_t now_ns(void)
+{
+    struct clock clock = clock_monotonic();
+    return clock_now_ns(&clock);
+}
+
+static int sample_light(const struct lit_surface *surface, const struct world *world,
+                        const struct light *lights, size_t light_count,
+                        const struct bake_settings *settings, struct light_samples *samples,
+                        struct nacre_error *error)
+{
+    struct progress progress = progress_begin("lighting", settings->quiet);
+    double point = surface->mapping->point_mm;
+    int status = settings->photons > 0
+                     ? samples_shoot(surface, world, lights, light_count, settings->photons,
+                                     settings->seed, &progress, samples, error)
+                     : samples_spread(surface, world, lights, light_count,
+                                      settings->density / (point * point), settings->rays,
+                                      settings->seed, &progress, samples, error);
+    progress_end(&progress);
+    return status;
+}
+
+/* Light that leaves where it fell, by the plane of reflectances. */
+static int add_local(const struct mesh *mesh, const struct mapping *mapping,
+                     const struct light_samples *samples, const float *plane, float (*radiosity)[3],
+                     struct nacre_error *error)
+{
+    float(*irradiance)[3] = calloc(mesh->vertex_count + 1, sizeof *irradiance);
+    if (!irradiance) {
+        return nacre_fail_memory(error, "the light on the mesh");
+    }
+    int status = local_light(mesh, samples, mapping->point_mm, irradiance, error);
+    for (size_t i = 0; status == NACRE_OK && i < mesh->vertex_count; i++) {
+        double reflectance[3];
+        receivers_lookup(mesh, mapping, i, plane, reflectance);
+        for (int c = 0; c < 3; c++) {
+            radiosity[i][c] += (float)(reflectance[c] * irradiance[i][c]);
+        }
+    }
+    free(irradiance);
+    return status;
+}
+
+static int add_albedo(const struct mesh *mesh, const struct mapping *mapping,
+                      const struct appearance *appearance, const struct light_samples *samples,
+                      float (*radiosity)[3], struct nacre_error *error)
+{
+    float *albedo =
+        calloc((size_t)appearance->width * (size_t)appearance->height * 3, sizeof *albedo);
+    if (!albedo) {
+        return nacre_fail_memory(error, "the material's albedo");
+    }
+    appearance_albedo(appearance, mapping->mirror, albedo);
+    int status = add_local(mesh, mapping, samples, albedo, radiosity, error);
+    free(albedo);
+    return status;
+}
+
+static int check_finite(const struct mesh *mesh, float (*radiosity)[3], struct nacre_error *error)
+{
+    for (size_t i = 0; i < mesh->vertex_count; i++) {
+        for (int c = 0; c < 3; c++) {
+            if (!isfinite(radiosity[i][c])) {
+                return nacre_fail(error, "the light that leaves vertex %zu is not finite", i);
+            }
+            radiosity[i][c] = fmaxf(radiosity[i][c], 0); /* rounding alone can make it negative */
+        }
+    }
+    return NACRE_OK;
+}
+
+int bake_object(const struct mesh *mesh, const struct mapping *mapping,
+                const struct appearance *appearance, const struct scene_material *material,
+                const struct world *world, size_t object, const struct light *lights,
+                size_t light_count, const struct opencl *opencl,
+                const struct bake_settings *settings, float (*radiosity)[3],
+                struct bake_counts *counts, struct nacre_error *error)
+{
+    struct lit_surface surface = {mesh, mapping, object};
+    struct light_samples samples = {0};
+    int64_t start = now_ns();
+    *counts = (struct bake_counts){0};
+    int status = sample_light(&surface, world, lights, light_count, settings, &samples, error);
+    counts->samples = samples.count;
+    counts->rays = samples.rays;
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    if (material->mode == MODE_ALBEDO) {
+        status = add_albedo(mesh, mapping, appearance, &samples, radiosity, error);
+        counts->light_seconds = seconds_since(start);
+    } else {
+        status = add_local(mesh, mapping, &samples, appearance->local, radiosity, error);
+        counts->light_seconds = seconds_since(start);
+        start = now_ns();
+        if (status == NACRE_OK && appearance->gathers) {
+            struct gather gather = {
+                mesh, mapping, appearance, &samples, material->thin == THIN_SAME_SIDE, near_points};
+            struct progress progress = progress_begin("gathering", settings->quiet);
+            status = gather_run(&gather, opencl, &progress, radiosity, &counts->gather, error);
+            progress_end(&progress);
+        }
+        counts->gather_seconds = seconds_since(start);
+    }
+    if (status == NACRE_OK) {
+        status = check_finite(mesh, radiosity, error);
+    }
+out:
+    samples_finish(&samples);
+    return status;
+}

@@ -1,0 +1,43 @@
+/* The light that leaves each vertex of a translucent surface: paper section 6.
+ *
+ * pi L(x_o) = sum over samples x_i of flux(x_i) R_d(x_i, x_o) / point^2. F is read at the surface point on which x_i
+ * lies, H between surface points at x_o. The offset x_o - x_i, at which the kernels are read between surface points,
+ * has the direction that the mapping shows at x_o and the length of the distance in space, so that cuts in the texture
+ * coordinates do not show. Where x_i is not within a window of x_o in the texture, F is read at x_o minus the offset. */
+#ifndef RENDER_GATHER_H
+#define RENDER_GATHER_H
+
+#include "base/opencl.h"
+#include "base/progress.h"
+#include "render/appearance.h"
+#include "render/mapping.h"
+#include "render/mesh.h"
+#include "render/samples.h"
+
+#include <stdbool.h>
+#include <stdint.h>
+
+struct gather {
+    const struct mesh *mesh;
+    const struct mapping *mapping;
+    const struct appearance *appearance;
+    const struct light_samples *samples;
+    bool same_side; /* only light that falls on the side where it leaves */
+    /* Samples within this many surface points count one by one; farther ones that share a surface point are summed up
+     * first. HUGE_VAL: always one by one. */
+    double near_points;
+};
+
+struct gather_counts {
+    uint64_t receivers, samples, merged,
+        lookups; /* lookups: visits of blocks of samples by groups of receivers */
+};
+
+/* Add the smooth part of what leaves each vertex to radiosity[vertex][3], on the OpenCL device. */
+int gather_run(const struct gather *gather, const struct opencl *opencl, struct progress *progress,
+               float (*radiosity)[3], struct gather_counts *counts, struct nacre_error *error);
+
+/* The same sum over every sample in double precision, plainly: what gather_run is checked against. */
+int gather_reference(const struct gather *gather, float (*radiosity)[3], struct nacre_error *error);
+
+#endif

@@ -1,0 +1,17 @@
+/* Irradiance at points of surfaces, by shadow rays. */
+#ifndef RENDER_IRRADIANCE_H
+#define RENDER_IRRADIANCE_H
+
+#include "render/lights.h"
+#include "render/world.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+/* Mean irradiance at a point with unit normal: `rays` stratified shadow rays to each area light (rounded up to a
+ * square), one to every other light. `stream` tells points apart. Returns the number of rays cast. Thread-safe. */
+uint64_t irradiance_at(const struct world *world, const struct light *lights, size_t light_count,
+                       struct vec3 point, struct vec3 normal, int rays, uint64_t seed,
+                       uint64_t stream, double out[3]);
+
+#endif

@@ -1,0 +1,51 @@
+/* The lights of a scene: what they send to a point, and photons that they send out. */
+#ifndef RENDER_LIGHTS_H
+#define RENDER_LIGHTS_H
+
+#include "base/picture.h"
+#include "render/scene.h"
+#include "render/vector.h"
+
+struct light {
+    int kind; /* enum scene_light_kind */
+    struct vec3 position;
+    struct vec3 forward, right, up; /* orthonormal; right is right as seen from the light */
+    double distance_mm;             /* to the point aimed at */
+    /* Radiant intensity along `forward` (irradiance times mm^2), of the whole light; where a slide is in front, of
+     * the light behind it. */
+    double intensity[3];
+    double width_mm, height_mm; /* LIGHT_AREA */
+    double cos_full, cos_edge;  /* LIGHT_SPOT: full light within, none without */
+    double tan_x, tan_y;        /* LIGHT_PROJECTOR: half extents of the picture at unit distance */
+    struct picture slide;       /* LIGHT_PROJECTOR: rows from the top down */
+};
+
+/* Light that would reach a point if nothing were in between. */
+struct light_arrival {
+    struct vec3 from;     /* where it comes from */
+    double irradiance[3]; /* on the surface, cosine included */
+};
+
+/* A photon on its way. */
+struct photon {
+    struct vec3 origin, direction;
+    double flux[3]; /* irradiance times mm^2 */
+};
+
+/* Prepare a light; reads or draws its slide. */
+int light_make(struct light *light, const struct scene_light *settings, struct nacre_error *error);
+void light_finish(struct light *light);
+
+/* One sample, at u[2] in [0, 1)^2 of the light's extent, of the light that falls on `point` with unit `normal`. */
+struct light_arrival light_arrive(const struct light *light, struct vec3 point, struct vec3 normal,
+                                  const double u[2]);
+
+/* One of the photons that the light sends towards a sphere, by u[4]; the mean over u of the flux of those that meet a
+ * surface in the sphere is the flux that the surface receives. */
+struct photon light_emit(const struct light *light, struct vec3 centre, double radius_mm,
+                         const double u[4]);
+
+/* Relative colour of the light in a direction from it (unit): the slide, or the spot's edge. */
+void light_profile(const struct light *light, struct vec3 direction, double profile[3]);
+
+#endif

@@ -1,0 +1,71 @@
+/* Triangle meshes in memory: checked, placed in the scene, with normals and texture coordinates in mm. */
+#ifndef RENDER_MESH_H
+#define RENDER_MESH_H
+
+#include "nacre/error.h"
+#include "render/vector.h"
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+struct mesh {
+    size_t vertex_count, triangle_count;
+    float (*positions)[3];    /* mm */
+    float (*normals)[3];      /* unit, on the outer side */
+    float (*uv)[2];           /* mm along the surface, or NULL; a seam has its vertices twice */
+    uint32_t (*triangles)[3]; /* counter-clockwise seen from outside */
+    size_t degenerate_count;  /* triangles that mesh_check removed */
+};
+
+enum { MESH_TRIANGLES_MAXIMUM = 20000000 };
+
+/* Arrays of the given sizes, uninitialised. */
+int mesh_allocate(struct mesh *mesh, size_t vertices, size_t triangles, bool with_uv,
+                  struct nacre_error *error);
+void mesh_finish(struct mesh *mesh);
+
+/* Load any file that Assimp reads: all its meshes as one, in the file's own unit, texture coordinates as they stand. */
+int mesh_load(const char *path, struct mesh *mesh, struct nacre_error *error);
+
+/* Refuse coordinates that are not finite and indices out of range, drop triangles of no area, and mend normals that
+ * are missing. `name` is the mesh's in messages. */
+int mesh_check(struct mesh *mesh, const char *name, struct nacre_error *error);
+
+/* Least and greatest corner. */
+void mesh_bounds(const struct mesh *mesh, struct vec3 *low, struct vec3 *high);
+double mesh_area_mm2(const struct mesh *mesh);
+
+/* Scale so that the largest extent is size_mm. Texture coordinates of a loaded mesh, which have no unit, are scaled so
+ * that the area they cover is that of the surface. */
+int mesh_scale(struct mesh *mesh, double size_mm, const char *name, struct nacre_error *error);
+
+/* How to turn the mesh by degrees about x, y and z and set it down so that its bottom's centre is at `position`. */
+struct motion mesh_placement(const struct mesh *mesh, const double degrees[3],
+                             struct vec3 position);
+void mesh_move(struct mesh *mesh, const struct motion *motion);
+
+/* How long an edge between two points may be, in mm. */
+typedef double mesh_edge_rule(const void *context, struct vec3 a, struct vec3 b);
+
+/* Split edges in half until none is longer than the rule allows, or until a further round would make more than `limit`
+ * triangles (then *limited is set). Neighbours split a common edge alike, so no cracks open. */
+int mesh_subdivide(struct mesh *mesh, mesh_edge_rule *rule, const void *context, size_t limit,
+                   bool *limited, struct nacre_error *error);
+
+/* A rule that allows the same length everywhere: context is a const double *. */
+mesh_edge_rule mesh_edge_even;
+
+/* Built-in shapes around the origin, closed but for the quad, texture coordinates in mm. Quads face +z; edge_mm is the
+ * length that the edges of curved shapes come near to. */
+int mesh_make_quad(struct mesh *mesh, double width_mm, double depth_mm, struct nacre_error *error);
+int mesh_make_box(struct mesh *mesh, const double size_mm[3], struct nacre_error *error);
+int mesh_make_sphere(struct mesh *mesh, double radius_mm, double edge_mm,
+                     struct nacre_error *error);
+
+/* A torus knot that winds twice round the axis and three times through the hole; its largest extent is size_mm and
+ * `thickness` the tube's radius over the radius of the torus' own tube (0.1 to 0.8). */
+int mesh_make_knot(struct mesh *mesh, double size_mm, double thickness, double edge_mm,
+                   struct nacre_error *error);
+
+#endif

@@ -1,0 +1,100 @@
+/* Reading mesh files through Assimp. */
+#include "render/mesh.h"
+
+#include <assimp/cimport.h>
+#include <assimp/postprocess.h>
+#include <assimp/scene.h>
+
+#include <errno.h>
+#include <stdlib.h>
+#include <unistd.h>
+
+struct totals {
+    size_t vertices, triangles;
+    bool with_uv; /* of every mesh in the file */
+};
+
+static struct totals count(const struct aiScene *scene)
+{
+    struct totals totals = {.with_uv = true};
+    for (unsigned m = 0; m < scene->mNumMeshes; m++) {
+        const struct aiMesh *part = scene->mMeshes[m];
+        if (part->mPrimitiveTypes & aiPrimitiveType_TRIANGLE) {
+            totals.vertices += part->mNumVertices;
+            totals.triangles += part->mNumFaces;
+            totals.with_uv = totals.with_uv && part->mTextureCoords[0];
+        }
+    }
+    return totals;
+}
+
+static void copy_part(const struct aiMesh *part, size_t first, size_t *triangles, struct mesh *mesh)
+{
+    for (unsigned i = 0; i < part->mNumVertices; i++) {
+        const struct aiVector3D *p = &part->mVertices[i];
+        mesh->positions[first + i][0] = p->x;
+        mesh->positions[first + i][1] = p->y;
+        mesh->positions[first + i][2] = p->z;
+        if (part->mNormals) {
+            mesh->normals[first + i][0] = part->mNormals[i].x;
+            mesh->normals[first + i][1] = part->mNormals[i].y;
+            mesh->normals[first + i][2] = part->mNormals[i].z;
+        }
+        if (mesh->uv) {
+            mesh->uv[first + i][0] = part->mTextureCoords[0][i].x;
+            mesh->uv[first + i][1] = part->mTextureCoords[0][i].y;
+        }
+    }
+    for (unsigned i = 0; i < part->mNumFaces; i++) {
+        const struct aiFace *face = &part->mFaces[i];
+        if (face->mNumIndices == 3) {
+            for (int k = 0; k < 3; k++) {
+                mesh->triangles[*triangles][k] = (uint32_t)(first + face->mIndices[k]);
+            }
+            (*triangles)++;
+        }
+    }
+}
+
+int mesh_load(const char *path, struct mesh *mesh, struct nacre_error *error)
+{
+    int status = NACRE_FAILED;
+    size_t vertices = 0, triangles = 0;
+    const struct aiScene *scene = NULL;
+    *mesh = (struct mesh){0};
+    if (access(path, R_OK) != 0) {
+        return nacre_fail_errno(error, errno, "%s: cannot read the mesh", path);
+    }
+    scene = aiImportFile(path, aiProcess_Triangulate | aiProcess_JoinIdenticalVertices |
+                                   aiProcess_SortByPType | aiProcess_PreTransformVertices |
+                                   aiProcess_GenSmoothNormals);
+    if (!scene) {
+        (void)nacre_fail(error, "%s: cannot read the mesh: %s", path, aiGetErrorString());
+        goto out;
+    }
+    struct totals totals = count(scene);
+    if (totals.triangles == 0) {
+        (void)nacre_fail(error, "%s: the mesh has no triangles", path);
+        goto out;
+    }
+    if (mesh_allocate(mesh, totals.vertices, totals.triangles, totals.with_uv, error) != NACRE_OK) {
+        (void)nacre_fail_within(error, "%s", path);
+        goto out;
+    }
+    for (unsigned m = 0; m < scene->mNumMeshes; m++) {
+        if (scene->mMeshes[m]->mPrimitiveTypes & aiPrimitiveType_TRIANGLE) {
+            copy_part(scene->mMeshes[m], vertices, &triangles, mesh);
+            vertices += scene->mMeshes[m]->mNumVertices;
+        }
+    }
+    mesh->triangle_count = triangles;
+    status = mesh_check(mesh, path, error);
+out:
+    if (status != NACRE_OK) {
+        mesh_finish(mesh);
+    }
+    if (scene) {
+        aiReleaseImport(scene);
+    }
+    return status;
+}

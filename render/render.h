@@ -1,0 +1,42 @@
+/* From a scene to a picture. */
+#ifndef RENDER_RENDER_H
+#define RENDER_RENDER_H
+
+#include "base/opencl.h"
+#include "base/picture.h"
+#include "nacre/error.h"
+#include "render/bake.h"
+#include "render/scene.h"
+
+#include <stddef.h>
+
+struct render_settings {
+    struct bake_settings bake;
+    size_t triangle_limit;  /* that splitting edges does not pass */
+    const char *pov_folder; /* where the POV-Ray files go and stay; NULL: a temporary folder */
+    const char *material;   /* used in place of every material file of the scene, or NULL */
+    bool albedo;            /* every material in mode albedo */
+    bool povray_shadows;    /* area lights on plain objects are left to POV-Ray */
+};
+
+struct render_object_report {
+    size_t vertices, triangles, degenerate;
+    bool translucent, limited; /* limited: edges stayed longer than a surface point */
+    double stretch[3];         /* percentiles 5, 50, 95 of drawn over true size */
+    double point_mm;
+    struct bake_counts counts;
+};
+
+struct render_report {
+    double mesh_seconds, light_seconds, gather_seconds, export_seconds, povray_seconds;
+    struct render_object_report *objects; /* heap */
+    size_t object_count;
+};
+
+/* Render. `report` is filled as far as the work came; render_report_finish it. */
+int render_scene(const struct scene *scene, const struct render_settings *settings,
+                 const struct opencl *opencl, struct picture *picture, struct render_report *report,
+                 struct nacre_error *error);
+void render_report_finish(struct render_report *report);
+
+#endif

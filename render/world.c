@@ -1,0 +1,150 @@
+/* Rays through Embree. */
+#include "render/world.h"
+
+#include <embree3/rtcore.h>
+
+#include <stdlib.h>
+#include <string.h>
+
+struct world {
+    RTCDevice device;
+    RTCScene scene;
+    double lift_mm;
+};
+
+static int check_device(RTCDevice device, struct nacre_error *error)
+{
+    enum RTCError code = rtcGetDeviceError(device);
+    return code == RTC_ERROR_NONE
+               ? NACRE_OK
+               : nacre_fail(error, "Embree cannot prepare the scene's surfaces (error %d)",
+                            (int)code);
+}
+
+static int add_mesh(struct world *world, const struct mesh *mesh, unsigned id,
+                    struct nacre_error *error)
+{
+    RTCGeometry geometry = rtcNewGeometry(world->device, RTC_GEOMETRY_TYPE_TRIANGLE);
+    /* Embree reads up to 4 bytes past the last vertex of its own buffers, so it gets to own them. */
+    void *vertices = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_VERTEX, 0, RTC_FORMAT_FLOAT3,
+                                             3 * sizeof(float), mesh->vertex_count);
+    void *triangles = rtcSetNewGeometryBuffer(geometry, RTC_BUFFER_TYPE_INDEX, 0, RTC_FORMAT_UINT3,
+                                              3 * sizeof(uint32_t), mesh->triangle_count);
+    if (vertices && triangles) {
+        memcpy(vertices, mesh->positions, mesh->vertex_count * sizeof *mesh->positions);
+        memcpy(triangles, mesh->triangles, mesh->triangle_count * sizeof *mesh->triangles);
+        rtcCommitGeometry(geometry);
+        rtcAttachGeometryByID(world->scene, geometry, id);
+    }
+    rtcReleaseGeometry(geometry);
+    return check_device(world->device, error);
+}
+
+int world_new(const struct mesh *const *meshes, size_t count, struct world **out,
+              struct nacre_error *error)
+{
+    int status = NACRE_FAILED;
+    struct world *world = calloc(1, sizeof *world);
+    struct vec3 centre;
+    double radius;
+    *out = NULL;
+    if (!world) {
+        return nacre_fail_memory(error, "the scene's surfaces");
+    }
+    world_sphere(meshes, count, &centre, &radius);
+    world->device = rtcNewDevice("threads=0");
+    if (!world->device) {
+        (void)nacre_fail(error, "Embree cannot start (error %d)", (int)rtcGetDeviceError(NULL));
+        goto out;
+    }
+    world->scene = rtcNewScene(world->device);
+    rtcSetSceneFlags(world->scene, RTC_SCENE_FLAG_ROBUST);
+    for (size_t i = 0; i < count; i++) {
+        if (add_mesh(world, meshes[i], (unsigned)i, error) != NACRE_OK) {
+            goto out;
+        }
+        /* A few rounding steps of the coordinates; more would leak light past contacts. */
+        for (size_t v = 0; v < meshes[i]->vertex_count; v++) {
+            double size = vec3_length(vec3_from(meshes[i]->positions[v]));
+            world->lift_mm = fmax(world->lift_mm, size * 2e-6);
+        }
+    }
+    rtcCommitScene(world->scene);
+    if (check_device(world->device, error) != NACRE_OK) {
+        goto out;
+    }
+    *out = world;
+    world = NULL;
+    status = NACRE_OK;
+out:
+    world_free(world);
+    return status;
+}
+
+void world_free(struct world *world)
+{
+    if (world) {
+        if (world->scene) {
+            rtcReleaseScene(world->scene);
+        }
+        if (world->device) {
+            rtcReleaseDevice(world->device);
+        }
+        free(world);
+    }
+}
+
+void world_sphere(const struct mesh *const *meshes, size_t count, struct vec3 *centre,
+                  double *radius_mm)
+{
+    struct vec3 low = {HUGE_VAL, HUGE_VAL, HUGE_VAL}, high = {-HUGE_VAL, -HUGE_VAL, -HUGE_VAL};
+    for (size_t i = 0; i < count; i++) {
+        struct vec3 l, h;
+        mesh_bounds(meshes[i], &l, &h);
+        low = (struct vec3){fmin(low.x, l.x), fmin(low.y, l.y), fmin(low.z, l.z)};
+        high = (struct vec3){fmax(high.x, h.x), fmax(high.y, h.y), fmax(high.z, h.z)};
+    }
+    *centre = vec3_scale(vec3_add(low, high), 0.5);
+    *radius_mm = vec3_length(vec3_subtract(high, low)) / 2;
+}
+
+bool world_blocked(const struct world *world, struct vec3 surface, struct vec3 normal,
+                   struct vec3 other)
+{
+    struct vec3 start = vec3_along(surface, world->lift_mm, normal);
+    struct vec3 way = vec3_subtract(other, start);
+    struct RTCIntersectContext context;
+    struct RTCRay ray = {.org_x = (float)start.x,
+                         .org_y = (float)start.y,
+                         .org_z = (float)start.z,
+                         .dir_x = (float)way.x,
+                         .dir_y = (float)way.y,
+                         .dir_z = (float)way.z,
+                         .tfar = 0.99999F,
+                         .mask = UINT32_MAX};
+    rtcInitIntersectContext(&context);
+    rtcOccluded1(world->scene, &context, &ray);
+    return ray.tfar < 0;
+}
+
+bool world_trace(const struct world *world, struct vec3 origin, struct vec3 direction,
+                 struct world_hit *hit)
+{
+    struct RTCIntersectContext context;
+    struct RTCRayHit ray = {.ray = {.org_x = (float)origin.x,
+                                    .org_y = (float)origin.y,
+                                    .org_z = (float)origin.z,
+                                    .dir_x = (float)direction.x,
+                                    .dir_y = (float)direction.y,
+                                    .dir_z = (float)direction.z,
+                                    .tfar = HUGE_VALF,
+                                    .mask = UINT32_MAX},
+                            .hit = {.geomID = RTC_INVALID_GEOMETRY_ID}};
+    rtcInitIntersectContext(&context);
+    rtcIntersect1(world->scene, &context, &ray);
+    if (ray.hit.geomID == RTC_INVALID_GEOMETRY_ID) {
+        return false;
+    }
+    *hit = (struct world_hit){ray.hit.geomID, ray.hit.primID, ray.hit.u, ray.hit.v};
+    return true;
+}
