@@ -182,9 +182,28 @@ static bool is_absent_struct(const struct settings_field *field, const void *in)
     return same;
 }
 
+/* Whether numbers are 0 because nothing was said: it is their default, but may not be typed. */
+static bool is_unsaid(const struct settings_field *field, const double *values, size_t count)
+{
+    bool unsaid = !field->required && !field->fallback &&
+                  !number_is_within(0, field->minimum, field->maximum);
+    for (size_t i = 0; i < count; i++) {
+        unsaid = unsaid && values[i] == 0;
+    }
+    return unsaid;
+}
+
 static bool is_left_out(const struct settings_field *field, const void *in)
 {
+    double number = 0;
     switch (field->kind) {
+    case SETTINGS_INT:
+        number = *(const int *)at(in, field->offset);
+        return is_unsaid(field, &number, 1);
+    case SETTINGS_REAL:
+        return is_unsaid(field, at(in, field->offset), 1);
+    case SETTINGS_REALS:
+        return is_unsaid(field, at(in, field->offset), field->count);
     case SETTINGS_STRING:
     case SETTINGS_PATH:
         return !*(char *const *)at(in, field->offset);

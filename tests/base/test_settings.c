@@ -56,6 +56,9 @@ struct sample {
     size_t exposure_count;
     char **without;
     size_t without_count;
+    int subdivide; /* 0, which may not be typed: chosen */
+    double thickness_mm;
+    double gains[3];
     int line, medium_line;
 };
 
@@ -152,6 +155,22 @@ static const struct settings_field sample_fields[] = {
      .kind = SETTINGS_STRINGS,
      .offset = offsetof(struct sample, without),
      .length_offset = offsetof(struct sample, without_count)},
+    {.key = "subdivide",
+     .kind = SETTINGS_INT,
+     .offset = offsetof(struct sample, subdivide),
+     .minimum = 1,
+     .maximum = 16},
+    {.key = "thickness_mm",
+     .kind = SETTINGS_REAL,
+     .offset = offsetof(struct sample, thickness_mm),
+     .minimum = 0.1,
+     .maximum = INFINITY},
+    {.key = "gains",
+     .kind = SETTINGS_REALS,
+     .count = 3,
+     .offset = offsetof(struct sample, gains),
+     .minimum = 1,
+     .maximum = 2},
     {0}};
 static const struct settings_schema sample_schema = {.what = "sample file",
                                                      .size = sizeof(struct sample),
@@ -212,7 +231,9 @@ static const char full[] = "# all there is\n"
                            "    softness: 0.25\n"
                            "  - {name: '7', colour: 0.5}\n"
                            "exposures: [0.5, 1, 1e3]\n"
-                           "without: [noise, \"flare\"]\n";
+                           "without: [noise, \"flare\"]\n"
+                           "subdivide: 4\n"
+                           "gains: [1, 1.5, 2]\n";
 
 static void reading_takes_every_kind_of_value(void)
 {
@@ -267,11 +288,13 @@ static void unknown_keys_are_refused_where_they_stand_and_the_nearest_is_named(v
                    "s.yaml:3:3: unknown key 'zoom'; known here: focal_mm, blades, glass");
     expect_refusal("width: 3\n<<: {}\n",
                    "s.yaml:2:1: unknown key '<<'; known here: width, pitch_mm, title, texture, "
-                   "medium, glossy, white, optics, layers, exposures, without");
+                   "medium, glossy, white, optics, layers, exposures, without, subdivide, "
+                   "thickness_mm, gains");
     expect_refusal(
         "width: 3\n\"gloss\\0y\": 1\n",
         "s.yaml:2:1: unknown key 'gloss', perhaps 'glossy'; known here: width, pitch_mm, "
-        "title, texture, medium, glossy, white, optics, layers, exposures, without");
+        "title, texture, medium, glossy, white, optics, layers, exposures, without, subdivide, "
+        "thickness_mm, gains");
     expect_refusal("? [a]\n: 1\n", "s.yaml:1:3: a key must be a plain word");
 }
 
@@ -340,7 +363,7 @@ static void values_of_the_wrong_kind_are_refused(void)
     expect_refusal("- width: 3\n",
                    "s.yaml:1:1: the sample file takes 'key: value' lines; known here: "
                    "width, pitch_mm, title, texture, medium, glossy, white, optics, "
-                   "layers, exposures, without");
+                   "layers, exposures, without, subdivide, thickness_mm, gains");
 }
 
 static void keys_without_a_value_are_refused(void)
