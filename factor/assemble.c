@@ -113,13 +113,14 @@ int assemble_material(const struct problem *p, struct method *method, struct nac
     int status = NACRE_OK;
     if (!work || !known) {
         status = nacre_fail_memory(error, "the factors");
+        goto out;
     }
     for (int c = 0; c < r->channels && status == NACRE_OK; c++) {
         status = assemble_factors(p, method, c, m, work, known, error);
         assemble_albedo(r, c, m->albedo + (size_t)c * plane);
     }
     /* The kernels carry the responses' scale, as they are always stored as floats. */
-    for (size_t i = 0; i < (size_t)(p->clusters * r->channels); i++) {
+    for (size_t i = 0; i < (size_t)p->clusters * (size_t)r->channels; i++) {
         for (size_t j = 0; j < area; j++) {
             m->kernels[i * area + j] =
                 ldexpf(p->kernels[i * area + j], r->exponent[i % (size_t)r->channels]);
@@ -129,6 +130,7 @@ int assemble_material(const struct problem *p, struct method *method, struct nac
         m->ids[i] = p->ids[i];
         m->weights[i] = 1;
     }
+out:
     free(work);
     free(known);
     return status;

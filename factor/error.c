@@ -56,8 +56,12 @@ static int measure_row(const struct error_source *source, const struct nacre_mat
                        struct error_report *report, size_t *not_measured, struct nacre_error *error)
 {
     size_t size = (size_t)m->channels * (size_t)m->window * (size_t)m->window;
-    float *measured = malloc(2 * size * sizeof *measured), *factored = measured + size;
-    int status = measured ? NACRE_OK : nacre_fail_memory(error, "a response");
+    float *measured = malloc(size * sizeof *measured), *factored = malloc(size * sizeof *factored);
+    int status = NACRE_OK;
+    if (!measured || !factored) {
+        status = nacre_fail_memory(error, "a response");
+        goto out;
+    }
     for (int x = 0; x < m->width && status == NACRE_OK; x++) {
         size_t point = (size_t)y * (size_t)m->width + (size_t)x;
         status = source->read(source->data, x, y, measured, error);
@@ -70,7 +74,9 @@ static int measure_row(const struct error_source *source, const struct nacre_mat
                 relative(compare_without_centre(m, x, y, measured, factored));
         }
     }
+out:
     free(measured);
+    free(factored);
     return status;
 }
 

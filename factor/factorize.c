@@ -289,12 +289,12 @@ int factorize_responses(const struct responses *r, double pitch_mm, const struct
         status = prepare(&run, opencl, error);
     }
     summary->seconds_clustering = seconds_now() - started;
-    if (status == NACRE_OK) {
+    if (status == NACRE_OK && run.method) {
         stopped = iterate(&run, m, summary, error);
         status = stopped == NACRE_CANCELLED && m->iterations > 0 ? NACRE_OK : stopped;
     }
     started = seconds_now();
-    if (status == NACRE_OK) {
+    if (status == NACRE_OK && run.method) {
         (void)snprintf(m->method, sizeof m->method, "%s", run.method->ops->name);
         status = assemble_material(&run.problem, run.method, m, error);
     }

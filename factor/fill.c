@@ -120,6 +120,7 @@ static void average(void *data, size_t point, const size_t *neighbours, int coun
 int fill_planes(int width, int height, const uint8_t *known, const uint32_t *ids, float *planes,
                 size_t count, size_t stride, struct nacre_error *error)
 {
-    struct planes data = {ids, planes, count, stride};
+    struct planes data = {.ids = ids, .count = count, .stride = stride};
+    data.values = planes;
     return spread(width, height, known, average, &data, error);
 }

@@ -128,7 +128,7 @@ int kernels_compute(const struct responses *r, const uint32_t *ids, int clusters
             complete(r, clusters, c, kernels, all);
         }
     }
-    for (size_t i = 0; i < (size_t)(clusters * r->channels) && status == NACRE_OK; i++) {
+    for (size_t i = 0; i < (size_t)clusters * (size_t)r->channels && status == NACRE_OK; i++) {
         add_epsilon(kernels + i * area, area, epsilon);
     }
     free(all);

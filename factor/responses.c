@@ -260,10 +260,10 @@ int responses_load(struct responses *responses, const struct nacre_scan *scan, i
                           nacre_scan_path(scan), (double)needed * 0x1p-30,
                           (double)available * 0x1p-30);
     }
-    status = responses_begin(responses, info, lanes, error);
-    if (status == NACRE_OK) {
-        status = read_rows(responses, scan, progress, error);
+    if (responses_begin(responses, info, lanes, error) != NACRE_OK) {
+        return NACRE_FAILED;
     }
+    status = read_rows(responses, scan, progress, error);
     if (status != NACRE_OK) {
         responses_finish(responses);
         return status;

@@ -133,7 +133,7 @@ static int build(struct update *u, struct nacre_error *error)
 }
 
 /* A buffer of `bytes`, copied from `from`, or with `shared` made of that memory itself; zeroed without `from`. */
-static int make_buffer(const struct update *u, size_t bytes, const void *from, bool shared,
+static int make_buffer(const struct update *u, size_t bytes, void *from, bool shared,
                        cl_mem *buffer, struct nacre_error *error)
 {
     cl_mem_flags flags = !from    ? CL_MEM_READ_WRITE
@@ -143,8 +143,7 @@ static int make_buffer(const struct update *u, size_t bytes, const void *from, b
     char action[96];
     (void)snprintf(action, sizeof action, "cannot place %.1f MiB on the device",
                    (double)bytes * 0x1p-20);
-    /* OpenCL only reads through the pointer: the buffer is CL_MEM_READ_ONLY. */
-    *buffer = clCreateBuffer(u->opencl->context, flags, bytes, (void *)(size_t)from, &status);
+    *buffer = clCreateBuffer(u->opencl->context, flags, bytes, from, &status);
     if (status == CL_SUCCESS && !from) {
         cl_float zero = 0;
         status = clEnqueueFillBuffer(u->opencl->queue, *buffer, &zero, sizeof zero, 0, bytes, 0,
@@ -248,7 +247,7 @@ static int start_factor(struct update *u, int channel, bool of_h, struct nacre_e
 {
     const struct sizes *s = &u->sizes;
     size_t count = (size_t)s->terms * (size_t)s->height * (size_t)s->width;
-    uint64_t stream = random_bits(u->problem->seed, (uint64_t)(2 * channel + of_h));
+    uint64_t stream = random_bits(u->problem->seed, 2 * (uint64_t)channel + of_h);
     cl_mem buffer = of_h ? u->channels[channel].h : u->channels[channel].f;
     int status = NACRE_FAILED;
     float *values = malloc(count * sizeof *values);
@@ -295,16 +294,16 @@ static int launch(struct update *u, int channel, enum kernel_name name, struct n
 {
     const struct channel_buffers *b = &u->channels[channel];
     cl_mem own = name == UPDATE_H ? b->h : b->f, other = name == UPDATE_H ? b->f : b->h;
-    const cl_mem arguments[] = {b->responses, b->mask, u->labels,  b->kernels,   b->inverses,
-                                own,          other,   u->scratch, u->objectives};
-    cl_uint count = (cl_uint)(sizeof arguments / sizeof *arguments);
+    enum { BUFFERS = 9 };
+    const cl_mem arguments[BUFFERS] = {b->responses, b->mask, u->labels,  b->kernels,   b->inverses,
+                                       own,          other,   u->scratch, u->objectives};
     size_t one = 1;
     cl_int status = CL_SUCCESS;
-    for (cl_uint i = 0; i < count && status == CL_SUCCESS; i++) {
-        status = clSetKernelArg(u->kernels[name], i, sizeof arguments[i], &arguments[i]);
+    for (cl_uint i = 0; i < BUFFERS && status == CL_SUCCESS; i++) {
+        status = clSetKernelArg(u->kernels[name], i, sizeof(cl_mem), &arguments[i]);
     }
     if (status == CL_SUCCESS) {
-        status = clSetKernelArg(u->kernels[name], count, sizeof u->sizes, &u->sizes);
+        status = clSetKernelArg(u->kernels[name], BUFFERS, sizeof u->sizes, &u->sizes);
     }
     if (status == CL_SUCCESS) {
         status = clEnqueueNDRangeKernel(u->opencl->queue, u->kernels[name], 1, NULL, &u->items,

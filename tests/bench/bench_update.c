@@ -62,11 +62,10 @@ static float *make_responses(const struct shape *s, float *kernel)
     float *responses =
         allocate((size_t)s->width * (size_t)s->height * (size_t)area * sizeof(float));
     for (int i = 0; i < area; i++) {
-        kernel[i] =
-            expf(-0.3F * hypotf((float)(i % s->window - half), (float)(i / s->window - half))) +
-            1e-5F;
+        int dx = i % s->window - half, dy = i / s->window - half;
+        kernel[i] = expf(-0.3F * hypotf((float)dx, (float)dy)) + 1e-5F;
     }
-    for (size_t p = 0; p < (size_t)(s->width * s->height); p++) {
+    for (size_t p = 0; p < (size_t)s->width * (size_t)s->height; p++) {
         for (size_t i = 0; i < (size_t)area; i++) {
             float noise = (float)random_uniform(7, p * (size_t)area + i);
             responses[p * (size_t)area + i] = kernel[i] * (0.99F + 0.02F * noise);
@@ -239,6 +238,11 @@ static void run(const struct shape *s, const struct opencl *opencl, const struct
     free(ids);
 }
 
+static int number(const char *text)
+{
+    return (int)strtol(text, NULL, 10);
+}
+
 /* Arguments: --full for the paper's sizes; --tile ROWS STEPS GROUP to try one. */
 int main(int argc, char **argv)
 {
@@ -258,7 +262,8 @@ int main(int argc, char **argv)
         if (strcmp(argv[i], "--full") == 0) {
             shapes = full;
         } else if (strcmp(argv[i], "--tile") == 0 && i + 3 < argc) {
-            tile = (struct update_tile){atoi(argv[i + 1]), atoi(argv[i + 2]), atoi(argv[i + 3])};
+            tile =
+                (struct update_tile){number(argv[i + 1]), number(argv[i + 2]), number(argv[i + 3])};
             i += 3;
         } else {
             fail("usage: bench_update [--full] [--tile ROWS STEPS GROUP]");

@@ -8,11 +8,10 @@
 /* One channel. Responses and kernels are in the units of the caller; nothing is owned. */
 struct reference {
     int width, height, window, terms;
-    const double
-        *responses; /* [height][width][K][K], NaN where not measured; outside the sample anything */
-    const uint32_t *ids;   /* [height][width] */
-    const double *kernels; /* [clusters][K][K] */
-    double *f, *h;         /* [terms][height][width] */
+    double *responses;   /* [height][width][K][K], NaN where not measured */
+    const uint32_t *ids; /* [height][width] */
+    double *kernels;     /* [clusters][K][K] */
+    double *f, *h;       /* [terms][height][width] */
 };
 
 /* Update F (or H) by the rules of section 5.3 before they are simplified, with W^2 = 1 / g; a negative response belongs

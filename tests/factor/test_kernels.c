@@ -157,7 +157,7 @@ static void empty_and_dark_clusters_take_the_kernel_of_all_points(void)
     compute(&r, none, 1, KERNELS_AVERAGE, 1e-5, all);
     TEST_ASSERT_EQUAL_MEMORY(all, kernels + 9, sizeof all);
     TEST_ASSERT_EQUAL_MEMORY(all, kernels + 18, sizeof all);
-    TEST_ASSERT_TRUE(memcmp(all, kernels, sizeof all) != 0);
+    TEST_ASSERT_TRUE(all[4] < kernels[4]);
     responses_finish(&r);
     sample_finish(&sample);
 }

@@ -49,7 +49,8 @@ static struct bench bench_new(const struct sample *sample, int terms, int cluste
     for (int k = 0; k < clusters; k++) {
         for (int c = 0; c < sample->channels; c++) {
             for (int i = 0; i < area; i++) {
-                double r = hypot(i % sample->window - half, i / sample->window - half);
+                int dx = i % sample->window - half, dy = i / sample->window - half;
+                double r = hypot(dx, dy);
                 b.kernels[(k * sample->channels + c) * area + i] =
                     (float)(exp(-r / (0.5 + 0.3 * k + 0.1 * c)) + 1e-5);
             }
@@ -68,6 +69,9 @@ static void bench_start(struct bench *b, const struct update_tile *tile)
     struct nacre_error error = {0};
     b->problem.responses = &b->responses;
     succeed(update_new(&opencl, &b->problem, tile, &b->method, &error), &error);
+    if (!b->method) {
+        abort(); /* cannot be, which analysers do not know */
+    }
 }
 
 static void bench_finish(struct bench *b)
@@ -126,8 +130,8 @@ static struct reference make_reference(const struct bench *b, int channel)
 
 static void finish_reference(struct reference *reference)
 {
-    free((void *)(size_t)reference->responses);
-    free((void *)(size_t)reference->kernels);
+    free(reference->responses);
+    free(reference->kernels);
     free(reference->f);
     free(reference->h);
 }
