@@ -242,7 +242,7 @@ static int run(const void *data, const struct invocation *invocation, struct nac
 const struct verb verb_render = {
     .name = "render",
     .operands = "SCENE -o PICTURE",
-    .summary = "renders a scene with factored materials",
+    .summary = "render a scene with factored materials",
     .text =
         "Reads a scene (YAML), calculates the light that leaves every vertex of the translucent "
         "objects from their factored materials, and has POV-Ray draw the picture with camera, "
