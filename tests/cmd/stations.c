@@ -65,12 +65,12 @@ void stations_write_scene(const char *path, const char *material)
     char *text = NULL;
     if (asprintf(&text,
                  "image: {width: 32, height: 24}\n"
-                 "camera: {position: [0, -40, 30], at: [0, 0, 0], angle_deg: 30}\n"
+                 "camera: {position_mm: [0, -40, 30], at_mm: [0, 0, 0], angle_deg: 30}\n"
                  "lights:\n"
-                 "  - {kind: point, position: [-20, -20, 40], at: [0, 0, 0], irradiance: 1}\n"
+                 "  - {kind: point, position_mm: [-20, -20, 40], at_mm: [0, 0, 0], irradiance: 1}\n"
                  "objects:\n"
                  "  - shape: quad\n"
-                 "    size: [10, 7, 0]\n"
+                 "    size_mm: [10, 7, 1]\n"
                  "    material: {file: %s, mapping: planar}\n",
                  material) < 0) {
         abort();
