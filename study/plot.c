@@ -1,0 +1,253 @@
+/* Line plots and histograms as inline SVG. */
+#include "study/plot.h"
+
+#include "study/page.h"
+
+#include <float.h>
+#include <math.h>
+
+enum { LEFT = 52, RIGHT = 12, TOP = 26, BOTTOM = 40, TICK_LIMIT = 32 };
+
+/* One axis: the range of the data and where it lies in the picture. */
+struct axis {
+    bool logarithmic;
+    double least, greatest;
+    double from, to; /* in pixels */
+};
+
+static bool shown(const struct axis *axis, double value)
+{
+    return isfinite(value) && (!axis->logarithmic || value > 0);
+}
+
+static void widen(struct axis *axis, double value)
+{
+    if (shown(axis, value)) {
+        axis->least = fmin(axis->least, value);
+        axis->greatest = fmax(axis->greatest, value);
+    }
+}
+
+static double place(const struct axis *axis, double value)
+{
+    double share = axis->logarithmic ? log(value / axis->least) / log(axis->greatest / axis->least)
+                                     : (value - axis->least) / (axis->greatest - axis->least);
+    return axis->from + share * (axis->to - axis->from);
+}
+
+/* Give a range without width some. */
+static void settle(struct axis *axis)
+{
+    if (axis->logarithmic) {
+        if (axis->greatest < axis->least * 1.2) {
+            axis->least /= 2;
+            axis->greatest *= 2;
+        }
+        return;
+    }
+    if (!(axis->greatest > axis->least)) {
+        double margin = axis->least != 0 ? fabs(axis->least) / 2 : 1;
+        axis->least -= margin;
+        axis->greatest += margin;
+    }
+}
+
+/* The step of 1, 2 or 5 times a power of ten that gives about `wanted` of them. */
+static double nice_step(double range, int wanted)
+{
+    double rough = range / wanted;
+    double power = pow(10, floor(log10(rough)));
+    double digit = rough / power;
+    return power * (digit < 1.5 ? 1 : digit < 3.5 ? 2 : digit < 7.5 ? 5 : 10);
+}
+
+/* Multiples of a round step within the axis. */
+static size_t find_even_ticks(const struct axis *axis, int wanted, double ticks[TICK_LIMIT])
+{
+    double step = nice_step(axis->greatest - axis->least, wanted);
+    double slack = 1e-9 * step;
+    size_t count = 0;
+    for (double i = ceil((axis->least - slack) / step);
+         i * step <= axis->greatest + slack && count < TICK_LIMIT; i++) {
+        ticks[count++] = i * step;
+    }
+    return count;
+}
+
+/* Powers of ten; over less than two decades 2 and 5 times them as well. */
+static size_t find_decade_ticks(const struct axis *axis, int wanted, double ticks[TICK_LIMIT])
+{
+    static const double digits[] = {1, 2, 5};
+    double decades = log10(axis->greatest / axis->least);
+    int per_decade = decades < 2 ? 3 : 1;
+    double stride = ceil(fmax(decades / wanted, 1));
+    size_t count = 0;
+    for (double e = floor(log10(axis->least) / stride) * stride; e <= log10(axis->greatest) + 1e-9;
+         e += stride) {
+        for (int d = 0; d < per_decade && count < TICK_LIMIT; d++) {
+            double tick = digits[d] * pow(10, e);
+            if (tick >= axis->least * (1 - 1e-9) && tick <= axis->greatest * (1 + 1e-9)) {
+                ticks[count++] = tick;
+            }
+        }
+    }
+    return count;
+}
+
+static size_t find_ticks(const struct axis *axis, int wanted, double ticks[TICK_LIMIT])
+{
+    size_t count = axis->logarithmic ? find_decade_ticks(axis, wanted, ticks) : 0;
+    return count >= 2 ? count : find_even_ticks(axis, wanted, ticks);
+}
+
+static void write_number(FILE *page, double value, bool logarithmic)
+{
+    if (value == 0 || (fabs(value) < 1e-12 && !logarithmic)) {
+        (void)putc('0', page);
+    } else if (logarithmic && (value < 0.999e-2 || value > 1.001e3)) {
+        double exponent = floor(log10(value) + 1e-9);
+        double digit = round(value / pow(10, exponent));
+        if (digit != 1) {
+            (void)fprintf(page, "%.0f·", digit);
+        }
+        (void)fprintf(page, "10<tspan dy=\"-4\" font-size=\"8\">%s%.0f</tspan>",
+                      exponent < 0 ? "−" : "", fabs(exponent));
+    } else {
+        (void)fprintf(page, "%s%.6g", value < 0 ? "−" : "", fabs(value));
+    }
+}
+
+static void write_frame(FILE *page, const struct plot *plot, const struct axis *x,
+                        const struct axis *y)
+{
+    double ticks[TICK_LIMIT];
+    size_t count = find_ticks(y, 5, ticks);
+    for (size_t i = 0; i < count; i++) {
+        double at = place(y, ticks[i]);
+        (void)fprintf(page,
+                      "<path d=\"M%d %.1fH%d\" stroke=\"#e6e3dd\"/>"
+                      "<text x=\"%d\" y=\"%.1f\" text-anchor=\"end\">",
+                      LEFT, at, plot->width - RIGHT, LEFT - 6, at + 4);
+        write_number(page, ticks[i], plot->y_log);
+        (void)fputs("</text>", page);
+    }
+    count = find_ticks(x, 6, ticks);
+    for (size_t i = 0; i < count; i++) {
+        double at = place(x, ticks[i]);
+        (void)fprintf(page,
+                      "<path d=\"M%.1f %dv4\" stroke=\"#8a929c\"/>"
+                      "<text x=\"%.1f\" y=\"%d\" text-anchor=\"middle\">",
+                      at, plot->height - BOTTOM, at, plot->height - BOTTOM + 16);
+        write_number(page, ticks[i], plot->x_log);
+        (void)fputs("</text>", page);
+    }
+    (void)fprintf(page, "<path d=\"M%d %dH%d\" stroke=\"#8a929c\"/>", LEFT, plot->height - BOTTOM,
+                  plot->width - RIGHT);
+    (void)fprintf(page, "<text x=\"%d\" y=\"%d\" text-anchor=\"middle\">",
+                  (LEFT + plot->width - RIGHT) / 2, plot->height - 6);
+    page_text(page, plot->x_label);
+    (void)fprintf(page,
+                  "</text><text transform=\"translate(11 %d) rotate(-90)\" text-anchor=\"middle\">",
+                  (TOP + plot->height - BOTTOM) / 2);
+    page_text(page, plot->y_label);
+    (void)fputs("</text>", page);
+}
+
+static void begin(FILE *page, const struct plot *plot)
+{
+    (void)fprintf(page, "<svg viewBox=\"0 0 %d %d\" role=\"img\" aria-label=\"", plot->width,
+                  plot->height);
+    page_text(page, plot->title);
+    (void)fprintf(page, "\"><text class=\"name\" x=\"%d\" y=\"15\">", LEFT);
+    page_text(page, plot->title);
+    (void)fputs("</text>", page);
+}
+
+static void write_series(FILE *page, const struct plot_series *series, const struct axis *x,
+                         const struct axis *y)
+{
+    bool drawing = false;
+    if (!series->dots) {
+        (void)fprintf(page,
+                      "<path fill=\"none\" stroke=\"%s\" stroke-width=\"1.6\" "
+                      "stroke-linejoin=\"round\" d=\"",
+                      series->colour);
+    }
+    for (size_t i = 0; i < series->count; i++) {
+        bool visible = shown(x, series->x[i]) && shown(y, series->y[i]) && series->y[i] >= y->least;
+        if (visible && series->dots) {
+            (void)fprintf(page, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"2\" fill=\"%s\"/>",
+                          place(x, series->x[i]), place(y, series->y[i]), series->colour);
+        } else if (visible) {
+            (void)fprintf(page, "%c%.1f %.1f", drawing ? 'L' : 'M', place(x, series->x[i]),
+                          place(y, series->y[i]));
+        }
+        drawing = visible;
+    }
+    if (!series->dots) {
+        (void)fputs("\"/>", page);
+    }
+}
+
+void plot_write(FILE *page, const struct plot *plot)
+{
+    struct axis x = {.logarithmic = plot->x_log,
+                     .least = DBL_MAX,
+                     .greatest = -DBL_MAX,
+                     .from = LEFT,
+                     .to = plot->width - RIGHT};
+    struct axis y = {.logarithmic = plot->y_log,
+                     .least = DBL_MAX,
+                     .greatest = -DBL_MAX,
+                     .from = plot->height - BOTTOM,
+                     .to = TOP};
+    for (size_t s = 0; s < plot->series_count; s++) {
+        const struct plot_series *series = &plot->series[s];
+        for (size_t i = 0; i < series->count; i++) {
+            if (shown(&x, series->x[i]) && shown(&y, series->y[i])) {
+                widen(&x, series->x[i]);
+                widen(&y, series->y[i]);
+            }
+        }
+    }
+    begin(page, plot);
+    if (x.least > x.greatest) {
+        (void)fprintf(page, "<text x=\"%d\" y=\"%d\">no data</text></svg>\n", LEFT,
+                      plot->height / 2);
+        return;
+    }
+    y.least = plot->y_from_zero ? fmin(y.least, 0) : y.least;
+    y.least = plot->y_floor > 0 ? fmin(fmax(y.least, plot->y_floor), y.greatest) : y.least;
+    settle(&x);
+    settle(&y);
+    write_frame(page, plot, &x, &y);
+    for (size_t s = 0; s < plot->series_count; s++) {
+        write_series(page, &plot->series[s], &x, &y);
+    }
+    (void)fputs("</svg>\n", page);
+}
+
+void plot_histogram(FILE *page, const struct plot *plot, const double *counts, size_t count,
+                    double x_maximum, const char *colour)
+{
+    struct axis x = {.greatest = x_maximum, .from = LEFT, .to = plot->width - RIGHT};
+    struct axis y = {.from = plot->height - BOTTOM, .to = TOP};
+    for (size_t i = 0; i < count; i++) {
+        widen(&y, counts[i]);
+    }
+    settle(&x);
+    settle(&y);
+    begin(page, plot);
+    write_frame(page, plot, &x, &y);
+    for (size_t i = 0; i < count; i++) {
+        double left = place(&x, x_maximum * (double)i / (double)count);
+        double right = place(&x, x_maximum * (double)(i + 1) / (double)count);
+        double top = place(&y, counts[i]);
+        if (counts[i] > 0) {
+            (void)fprintf(
+                page, "<rect x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"%.1f\" fill=\"%s\"/>",
+                left + 0.5, top, fmax(right - left - 1, 0.5), plot->height - BOTTOM - top, colour);
+        }
+    }
+    (void)fputs("</svg>\n", page);
+}
