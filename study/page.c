@@ -22,7 +22,7 @@ static const char style[] =
     ".key b{display:block;font-size:1.5rem;line-height:1.25;font-weight:650;"
     "font-variant-numeric:tabular-nums}"
     ".key span{color:#5b6470;font-size:.82rem;line-height:1.35;display:block}"
-    ".two{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,19rem),1fr));"
+    ".two{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,22rem),1fr));"
     "gap:1.1rem}"
     ".three{display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,16rem),1fr));"
     "gap:1.1rem}"

@@ -30,8 +30,9 @@ static void widen(struct axis *axis, double value)
 
 static double place(const struct axis *axis, double value)
 {
-    double share = axis->logarithmic ? log(value / axis->least) / log(axis->greatest / axis->least)
-                                     : (value - axis->least) / (axis->greatest - axis->least);
+    double share = axis->logarithmic
+                       ? (log(value) - log(axis->least)) / (log(axis->greatest) - log(axis->least))
+                       : (value - axis->least) / (axis->greatest - axis->least);
     return axis->from + share * (axis->to - axis->from);
 }
 
@@ -65,11 +66,11 @@ static double nice_step(double range, int wanted)
 static size_t find_even_ticks(const struct axis *axis, int wanted, double ticks[TICK_LIMIT])
 {
     double step = nice_step(axis->greatest - axis->least, wanted);
-    double slack = 1e-9 * step;
+    double first = ceil(axis->least / step - 1e-9);
     size_t count = 0;
-    for (double i = ceil((axis->least - slack) / step);
-         i * step <= axis->greatest + slack && count < TICK_LIMIT; i++) {
-        ticks[count++] = i * step;
+    while (count < TICK_LIMIT && (first + (double)count) * step <= axis->greatest + 1e-9 * step) {
+        ticks[count] = (first + (double)count) * step;
+        count++;
     }
     return count;
 }
@@ -78,14 +79,14 @@ static size_t find_even_ticks(const struct axis *axis, int wanted, double ticks[
 static size_t find_decade_ticks(const struct axis *axis, int wanted, double ticks[TICK_LIMIT])
 {
     static const double digits[] = {1, 2, 5};
-    double decades = log10(axis->greatest / axis->least);
+    double decades = log10(axis->greatest) - log10(axis->least);
     int per_decade = decades < 2 ? 3 : 1;
-    double stride = ceil(fmax(decades / wanted, 1));
+    int stride = (int)ceil(fmax(decades / wanted, 1));
+    int first = (int)floor(log10(axis->least) / stride) * stride;
     size_t count = 0;
-    for (double e = floor(log10(axis->least) / stride) * stride; e <= log10(axis->greatest) + 1e-9;
-         e += stride) {
+    for (int power = first; power <= log10(axis->greatest) + 1e-9; power += stride) {
         for (int d = 0; d < per_decade && count < TICK_LIMIT; d++) {
-            double tick = digits[d] * pow(10, e);
+            double tick = digits[d] * pow(10, power);
             if (tick >= axis->least * (1 - 1e-9) && tick <= axis->greatest * (1 + 1e-9)) {
                 ticks[count++] = tick;
             }
@@ -121,7 +122,7 @@ static void write_frame(FILE *page, const struct plot *plot, const struct axis *
                         const struct axis *y)
 {
     double ticks[TICK_LIMIT];
-    size_t count = find_ticks(y, 5, ticks);
+    size_t count = find_ticks(y, 6, ticks);
     for (size_t i = 0; i < count; i++) {
         double at = place(y, ticks[i]);
         (void)fprintf(page,

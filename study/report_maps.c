@@ -35,7 +35,7 @@ static int albedo_picture(const struct nacre_material *m, struct picture *pictur
     return status;
 }
 
-/* A ring and a letter at each point, and around the first a dashed square of the window's size. */
+/* A ring and a letter at each point, and around the median a dashed square of the window's size. */
 static void write_marks(const struct report *report)
 {
     FILE *page = report->page;
@@ -58,10 +58,10 @@ static void write_marks(const struct report *report)
                       x + side * 4 * unit, fmax(y + 1.8 * unit, 5 * unit), 5.2 * unit, 1.1 * unit,
                       (char)('A' + (int)i));
     }
-    if (report->point_count > 0) {
-        const struct report_point *first = &report->points[0];
-        double left = first->x - (m->window - 1) / 2.0;
-        double top = first->y - (m->window - 1) / 2.0;
+    if (report->point_count > REPORT_MEDIAN) {
+        const struct report_point *median = &report->points[REPORT_MEDIAN];
+        double left = median->x - (m->window - 1) / 2.0;
+        double top = median->y - (m->window - 1) / 2.0;
         for (int pass = 0; pass < 2; pass++) {
             (void)fprintf(page,
                           "<rect x=\"%.2f\" y=\"%.2f\" width=\"%d\" height=\"%d\" fill=\"none\" "
@@ -83,7 +83,7 @@ static int write_albedo(const struct report *report, struct nacre_error *error)
     write_marks(report);
     (void)fputs(
         "</svg>\n<figcaption>Albedo: the sum of each measured response, as sRGB. A to F are "
-        "the responses shown below; the dashed square is the window of A.</figcaption>\n"
+        "the responses shown below; the dashed square is the window of C.</figcaption>\n"
         "</figure>\n",
         report->page);
     picture_finish(&picture);
@@ -131,7 +131,9 @@ static void write_colour_bar(FILE *page, double end, double maximum)
     for (int i = 0; i < STEPS; i++) {
         char colour[8];
         palette_format(palette_heat((i + 0.5) / STEPS), colour);
-        (void)fprintf(page, "<rect x=\"%d\" width=\"%.1f\" height=\"12\" fill=\"%s\"/>",
+        (void)fprintf(page,
+                      "<rect x=\"%d\" width=\"%.1f\" height=\"12\" fill=\"%s\" "
+                      "shape-rendering=\"crispEdges\"/>",
                       i * WIDTH / STEPS, WIDTH / (double)STEPS + 0.4, colour);
     }
     for (int i = 0; i <= 4; i++) {
@@ -186,7 +188,7 @@ static void write_histogram(const struct report *report, double end)
     struct plot plot = {.title = "How many points have which error",
                         .x_label = "relative error, %",
                         .y_label = "surface points",
-                        .width = 640,
+                        .width = 520,
                         .height = 190};
     (void)fputs("<figure style=\"margin-top:1.1rem\">\n", report->page);
     plot_histogram(report->page, &plot, counts, BINS, 100 * end, "#1a5e8c");

@@ -73,9 +73,9 @@ static void find_falloff(const struct nacre_material *m, int j, int channel, dou
         double sum = 0;
         int count = 0;
         for (size_t i = 0; i < size; i++) {
-            double distance =
-                hypot((double)((int)i % m->window - radius), (double)((int)i / m->window - radius));
-            if (lround(distance) == ring) {
+            int dx = (int)i % m->window - radius;
+            int dy = (int)i / m->window - radius;
+            if (lround(hypot(dx, dy)) == ring) {
                 sum += (double)kernel[i];
                 count++;
             }
@@ -115,8 +115,8 @@ static int write_falloffs(const struct report *report, int channel, struct nacre
                         .y_label = "g relative to its maximum",
                         .y_log = true,
                         .y_floor = 1e-7,
-                        .width = 320,
-                        .height = 270,
+                        .width = 380,
+                        .height = m->mixed > 0 ? 400 : 300,
                         .series = series,
                         .series_count = count};
     (void)fputs("<figure>\n", report->page);

@@ -6,7 +6,8 @@
 #include "study/page.h"
 #include "study/report.h"
 
-enum { REPORT_POINTS = 6 };
+/* The third of the points is the median. */
+enum { REPORT_POINTS = 6, REPORT_MEDIAN = 2 };
 
 /* A surface point whose response is shown. */
 struct report_point {

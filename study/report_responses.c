@@ -15,52 +15,6 @@ struct pair {
     float *measured, *factored; /* [channels][K][K] */
 };
 
-/* An error and whose it is. */
-struct ranked {
-    float error;
-    int point;
-};
-
-static int compare_ranked(const void *a, const void *b)
-{
-    const struct ranked *x = a;
-    const struct ranked *y = b;
-    int order = (x->error > y->error) - (x->error < y->error);
-    return order ? order : (x->point > y->point) - (x->point < y->point);
-}
-
-int report_points_choose(struct report *report, struct nacre_error *error)
-{
-    static const struct {
-        int percent;
-        const char *why;
-    } wanted[REPORT_POINTS] = {{50, "median error"},           {0, "least error"},
-                               {25, "lower quartile"},         {75, "upper quartile"},
-                               {95, "one in twenty is worse"}, {100, "greatest error"}};
-    const struct error_report *errors = &report->errors;
-    size_t count = 0;
-    struct ranked *ranked = calloc(errors->points + 1, sizeof *ranked);
-    if (!ranked) {
-        return nacre_fail_memory(error, "the order of the errors");
-    }
-    for (size_t i = 0; i < errors->points; i++) {
-        if (!isnan(errors->map[i])) {
-            ranked[count++] = (struct ranked){errors->map[i], (int)i};
-        }
-    }
-    qsort(ranked, count, sizeof *ranked, compare_ranked);
-    report->point_count = 0;
-    for (size_t i = 0; i < REPORT_POINTS && i < count; i++) {
-        int point = ranked[(count - 1) * (size_t)wanted[i].percent / 100].point;
-        report->points[report->point_count++] =
-            (struct report_point){.x = point % report->material.width,
-                                  .y = point / report->material.width,
-                                  .why = wanted[i].why};
-    }
-    free(ranked);
-    return NACRE_OK;
-}
-
 /* The mean over the channels of entry i; NaN where none is measured. */
 static double entry_mean(const struct nacre_material *m, const float *response, size_t i)
 {
@@ -124,8 +78,9 @@ static int write_cut(const struct report *report, const struct report_point *poi
     if (!values) {
         return nacre_fail_memory(error, "a plot");
     }
-    for (size_t u = 0; u < window; u++) {
-        values[u] = ((double)u - (double)(m->window / 2)) * m->pitch_mm;
+    int radius = m->window / 2;
+    for (int u = 0; u < m->window; u++) {
+        values[u] = (u - radius) * m->pitch_mm;
     }
     for (size_t c = 0; c < (size_t)m->channels; c++) {
         for (int factored = 1; factored >= 0; factored--) {
@@ -158,6 +113,15 @@ static int write_cut(const struct report *report, const struct report_point *poi
     return NACRE_OK;
 }
 
+static void write_percent(FILE *page, double value)
+{
+    if (isnan(value)) {
+        (void)fputs("none", page);
+    } else {
+        (void)fprintf(page, "%.2f %%", 100 * value);
+    }
+}
+
 static int write_point(const struct report *report, size_t index, const struct pair *pair,
                        struct nacre_error *error)
 {
@@ -175,12 +139,12 @@ static int write_point(const struct report *report, size_t index, const struct p
     for (size_t i = 0; i < size; i++) {
         top = fmax(top, fmax(entry_mean(m, pair->measured, i), entry_mean(m, pair->factored, i)));
     }
-    (void)fprintf(page,
-                  "<div class=\"point\">\n<h3><b>%c</b>(%d, %d) <span>%s: %.2f %%; without the "
-                  "centre %.2f %%</span></h3>\n<div>",
-                  (char)('A' + (int)index), point->x, point->y, point->why,
-                  100 * (double)report->errors.map[at],
-                  100 * (double)report->errors.map_without_centre[at]);
+    (void)fprintf(page, "<div class=\"point\">\n<h3><b>%c</b>(%d, %d) <span>%s: ",
+                  (char)('A' + (int)index), point->x, point->y, point->why);
+    write_percent(page, (double)report->errors.map[at]);
+    (void)fputs("; without the centre ", page);
+    write_percent(page, (double)report->errors.map_without_centre[at]);
+    (void)fputs("</span></h3>\n<div>", page);
     status = write_picture(report, point, pair->measured, top, error);
     (void)fputs("<p class=\"muted\">measured</p></div>\n<div>", page);
     if (status == NACRE_OK) {
@@ -204,7 +168,9 @@ static void write_scale(FILE *page)
     for (int i = 0; i < STEPS; i++) {
         char colour[8];
         palette_format(palette_heat((i + 0.5) / STEPS), colour);
-        (void)fprintf(page, "<rect x=\"%.2f\" width=\"%.2f\" height=\"12\" fill=\"%s\"/>",
+        (void)fprintf(page,
+                      "<rect x=\"%.2f\" width=\"%.2f\" height=\"12\" fill=\"%s\" "
+                      "shape-rendering=\"crispEdges\"/>",
                       i * WIDTH / (double)STEPS, WIDTH / (double)STEPS + 0.4, colour);
     }
     for (int i = 0; i <= DECADES; i++) {
@@ -212,7 +178,7 @@ static void write_scale(FILE *page)
         (void)fprintf(page, "<text x=\"%d\" y=\"29\" text-anchor=\"%s\">", i * WIDTH / DECADES,
                       anchor);
         if (i == DECADES) {
-            (void)fputs("maximum</text>", page);
+            (void)fputs("max</text>", page);
         } else {
             (void)fprintf(page, "10<tspan dy=\"-4\" font-size=\"8\">−%d</tspan></text>",
                           DECADES - i);
@@ -227,19 +193,23 @@ int report_write_responses(struct report *report, struct nacre_error *error)
     size_t size = nacre_scan_response_size(nacre_scan_info(report->scan));
     struct pair pair = {.measured = calloc(size, sizeof(float)),
                         .factored = calloc(size, sizeof(float))};
-    int status = pair.measured && pair.factored ? NACRE_OK : nacre_fail_memory(error, "responses");
+    int status = NACRE_OK;
     (void)fputs("<h2>Responses, measured and factored</h2>\n<p>What leaves around one lit surface "
                 "point, on a logarithmic scale that a pair shares; the mean of the channels. The "
-                "points stand at fixed places in the order of their errors, so none is picked for "
-                "its looks.</p>\n<figure>\n",
+                "points stand at fixed places in the order of their errors; none is picked for its "
+                "looks.</p>\n<figure>\n",
                 page);
     for (size_t i = 0; i < report->point_count && status == NACRE_OK; i++) {
+        if (!pair.measured || !pair.factored) {
+            status = nacre_fail_memory(error, "responses");
+            break;
+        }
         status = write_point(report, i, &pair, error);
     }
     if (report->point_count > 0) {
         write_scale(page);
     } else {
-        (void)fputs("<p>No surface point has been measured.</p>\n", page);
+        (void)fputs("<p>Fewer than six surface points have been measured.</p>\n", page);
     }
     (void)fputs("</figure>\n", page);
     free(pair.measured);

@@ -30,6 +30,15 @@ static void write_range(FILE *page, const struct error_range *range)
     }
 }
 
+static void write_energy(FILE *page, const struct error_range *range)
+{
+    if (range->points == 0) {
+        (void)fputs("none", page);
+    } else {
+        (void)fprintf(page, "%.3g", range->energy_mean);
+    }
+}
+
 static void write_row(const struct report *report)
 {
     FILE *page = report->page;
@@ -76,8 +85,10 @@ static void write_facts(const struct report *report)
     write_range(page, &errors->without_centre);
     (void)fputs("</td></tr>\n", page);
     write_fact(page, "Energy ratio (the error's square), mean");
-    (void)fprintf(page, "%.3g; without the centre %.3g</td></tr>\n", errors->whole.energy_mean,
-                  errors->without_centre.energy_mean);
+    write_energy(page, &errors->whole);
+    (void)fputs("; without the centre ", page);
+    write_energy(page, &errors->without_centre);
+    (void)fputs("</td></tr>\n", page);
     write_fact(page, "Surface points compared");
     (void)fprintf(page, "%zu of %zu; %zu not measured, %zu measured as exactly 0</td></tr>\n",
                   errors->whole.points, errors->points, errors->not_measured, errors->dark);
