@@ -193,7 +193,7 @@ static int run(const void *given, const struct invocation *invocation, struct na
     }
     status = sample_read(path, &sample, error);
     if (!status) {
-        status = transport_new(&sample, NULL, &transport, error);
+        status = transport_new(&sample, &transport, error);
     }
     if (!status && settings->explain) {
         status = explain(path, &sample, transport, settings->window, invocation->json, error);

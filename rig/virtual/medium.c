@@ -83,6 +83,9 @@ static int lay_out(const struct sample *sample, struct medium *medium, struct na
                           "smaller, or set voxels: subdivide and depth_cells",
                           nx, ny, medium->nz, MAX_CELLS * 1e-6);
     }
+    if (nx * ny * medium->nz < 1) {
+        return nacre_fail(error, "the sample has no surface points");
+    }
     medium->nx = (int)nx;
     medium->ny = (int)ny;
     medium->edges_mm = calloc((size_t)medium->nz + 1, sizeof *medium->edges_mm);
@@ -104,9 +107,10 @@ static void fill_voxel(const struct sample *sample, struct medium *medium, int x
     double height = medium->edges_mm[z + 1] - top;
     double corner = medium->margin * sample->pitch_mm;
     for (int i = 0; i < SAMPLES_ACROSS * SAMPLES_ACROSS * SAMPLES_DOWN; i++) {
+        int layer = i / (SAMPLES_ACROSS * SAMPLES_ACROSS);
         double u = (i % SAMPLES_ACROSS + 0.5) / SAMPLES_ACROSS;
         double v = (i / SAMPLES_ACROSS % SAMPLES_ACROSS + 0.5) / SAMPLES_ACROSS;
-        double w = (i / (SAMPLES_ACROSS * SAMPLES_ACROSS) + 0.5) / SAMPLES_DOWN;
+        double w = (layer + 0.5) / SAMPLES_DOWN;
         double place[3] = {(x + u) * medium->cell_mm - corner, (y + v) * medium->cell_mm - corner,
                            top + w * height};
         const struct sample_material *material =
@@ -137,6 +141,7 @@ int medium_new(const struct sample *sample, struct medium **medium, struct nacre
     if (status) {
         goto out;
     }
+    /* NOLINTNEXTLINE(clang-analyzer-optin.portability.UnixAPI): lay_out refuses a slab without voxels */
     made->scattering = calloc(medium_cells(made), MEDIUM_CHANNELS * sizeof *made->scattering);
     made->absorption = calloc(medium_cells(made), MEDIUM_CHANNELS * sizeof *made->absorption);
     made->index = calloc(medium_cells(made), sizeof *made->index);

@@ -81,13 +81,12 @@ static void fill_single(struct transport *transport)
     }
 }
 
-int transport_new(const struct sample *sample, const struct opencl *opencl,
-                  struct transport **transport, struct nacre_error *error)
+int transport_new(const struct sample *sample, struct transport **transport,
+                  struct nacre_error *error)
 {
     int status = NACRE_OK;
     size_t points = (size_t)sample->width * (size_t)sample->height;
     struct transport *made = calloc(1, sizeof *made);
-    (void)opencl; /* this solver does not compute there; the Monte Carlo reference will */
     if (!made) {
         status = nacre_fail_memory(error, "the light transport");
         goto out;
@@ -358,6 +357,7 @@ static int solve_tile(const struct tile_row *row, int x, int channel, struct nac
     if (status) {
         goto out;
     }
+    /* NOLINTNEXTLINE(clang-analyzer-optin.portability.UnixAPI): the box holds the tile */
     seen = calloc((size_t)(box.x1 - box.x0) * (size_t)(box.y1 - box.y0), LANES * sizeof *seen);
     if (!seen) {
         status = nacre_fail_memory(error, "the responses");

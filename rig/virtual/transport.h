@@ -2,17 +2,15 @@
 #ifndef RIG_VIRTUAL_TRANSPORT_H
 #define RIG_VIRTUAL_TRANSPORT_H
 
-#include "base/opencl.h"
 #include "base/progress.h"
 #include "nacre/error.h"
 
 struct sample;    /* rig/virtual/sample.h: what a sample file describes */
 struct transport; /* a sample made ready for solving */
 
-/* Prepare the sample's width x height surface points for three channels. Keeps neither argument. The diffusion solver
- * runs on the CPU (docs/transport.md has the reasons), so `opencl` may be NULL. */
-int transport_new(const struct sample *sample, const struct opencl *opencl,
-                  struct transport **transport, struct nacre_error *error);
+/* Prepare the sample's width x height surface points for three channels. Keeps nothing of the sample. */
+int transport_new(const struct sample *sample, struct transport **transport,
+                  struct nacre_error *error);
 void transport_free(struct transport *transport); /* NULL is allowed */
 
 /* pi times the radiance that leaves each surface point towards the camera, averaged over the point:

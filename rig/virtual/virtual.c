@@ -218,7 +218,7 @@ static int put_sample(const struct station *settings, struct transport **transpo
                        settings->sample.height, settings->sample.pitch_mm);
         goto out;
     }
-    status = transport_new(&sample, NULL, transport, error);
+    status = transport_new(&sample, transport, error);
 out:
     sample_finish(&sample);
     return status;
