@@ -10,7 +10,7 @@ enum {
     VERTICES_A_STEP = 4096,
 };
 
-static const double edge_pixels = 7;
+static const double edge_pixels = 8;
 
 struct view {
     struct vec3 position, forward;
@@ -82,8 +82,8 @@ int plain_light(const struct mesh *mesh, const struct world *world, const struct
             for (size_t l = 0; l < light_count; l++) {
                 double one[3] = {0};
                 if (lights[l].kind == LIGHT_AREA) {
-                    (void)irradiance_at(world, &lights[l], 1, vec3_from(mesh->positions[i]),
-                                        vec3_from(mesh->normals[i]), RAYS, seed + l, i, one);
+                    (void)irradiance_penumbra(world, &lights[l], vec3_from(mesh->positions[i]),
+                                              vec3_from(mesh->normals[i]), RAYS, seed + l, i, one);
                 }
                 for (int c = 0; c < 3; c++) {
                     sum[c] += one[c];

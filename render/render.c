@@ -13,6 +13,9 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+/* Of translucent meshes, in surface points: the diagonal of a square of one. */
+static const double longest_edge = 1.45;
+
 /* One object of the scene, ready to be lit. */
 struct prepared {
     struct mesh mesh;
@@ -88,7 +91,7 @@ static int refine_translucent(const struct work *work, struct prepared *prepared
 {
     struct mesh *mesh = &prepared->mesh;
     report->point_mm = prepared->mapping.point_mm;
-    double edge_mm = 1.2 * report->point_mm;
+    double edge_mm = longest_edge * report->point_mm;
     if (mesh_subdivide(mesh, mesh_edge_even, &edge_mm, work->settings->triangle_limit,
                        &report->limited, error) != NACRE_OK ||
         mapping_follow(&prepared->mapping, mesh, error) != NACRE_OK) {
@@ -152,7 +155,6 @@ static int prepare_object(struct work *work, size_t index, struct render_object_
         }
         edge = prepared->material.point_mm > 0 ? prepared->material.point_mm
                                                : prepared->appearance.pitch_mm;
-        edge *= 0.8; /* the diagonals of the shape's meshes are then no longer than 1.2 points */
     }
     if (make_shape(object, edge, &prepared->mesh, error) != NACRE_OK ||
         place(work, index, report, error) != NACRE_OK) {
