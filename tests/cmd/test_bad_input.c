@@ -5,6 +5,8 @@
 #include "tests/cmd/spawn.h"
 #include "tests/cmd/stations.h"
 
+#include <errno.h>
+#include <fcntl.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -341,8 +343,20 @@ static void an_output_that_is_a_folder_is_refused(void)
             keep(path_join(below, "out.html")));
 }
 
-/* A disk of eight pages: files can be made, but what is written soon finds no room. Where no disk can be mounted, a
- * limit on file sizes has the same effect on write. What stood there before stays as it was. */
+/* Write until the disk holds no more. */
+static void fill(const char *path)
+{
+    static const char block[512];
+    int file = open(path, O_WRONLY | O_CREAT | O_CLOEXEC, 0600);
+    TEST_ASSERT_TRUE(file >= 0);
+    while (write(file, block, sizeof block) > 0) {
+    }
+    TEST_ASSERT_EQUAL_INT(ENOSPC, errno);
+    (void)close(file);
+}
+
+/* The large files find no room in the middle, the small pictures from the beginning. Where no disk can be mounted, a
+ * limit on the sizes of files has the same effect on those above it. What stood there before stays as it was. */
 static void a_full_disk_leaves_what_was_there(void)
 {
     const char *const names[] = {"out.exr", "out.png", "out.html"};
@@ -356,18 +370,21 @@ static void a_full_disk_leaves_what_was_there(void)
     for (size_t i = 0; i < sizeof names / sizeof names[0]; i++) {
         text_write(keep(path_join(below, names[i])), "precious");
     }
+    const struct circumstances *around = can_mount ? NULL : &limited;
     char *exr = keep(path_join(below, "out.exr"));
     char *html = keep(path_join(below, "out.html"));
-    char *png = keep(path_join(below, "out.png"));
-    const struct circumstances *around = can_mount ? NULL : &limited;
     REFUSES_UNDER(around, FAILED, exr, "develop", input("session"), "-o", exr);
     REFUSES_UNDER(around, FAILED, exr, "simulate", input("sample.yaml"), "-o", exr, "--window",
                   "11");
     REFUSES_UNDER(around, FAILED, exr, "factor", input("scan.exr"), "-o", exr, "--iterations", "1");
-    REFUSES_UNDER(around, FAILED, png, "render", input("scene.yaml"), "-o", png);
-    REFUSES_UNDER(around, FAILED, exr, "render", input("scene.yaml"), "-o", exr);
     REFUSES_UNDER(around, FAILED, html, "report", input("scan.exr"), input("material.exr"), "-o",
                   html);
+    if (can_mount) {
+        char *png = keep(path_join(below, "out.png"));
+        fill(keep(path_join(below, "filler")));
+        REFUSES(FAILED, png, "render", input("scene.yaml"), "-o", png);
+        REFUSES(FAILED, exr, "render", input("scene.yaml"), "-o", exr);
+    }
 }
 
 /* Inputs of all cases. */
@@ -416,8 +433,8 @@ static void make_damaged_inputs(void)
 
 int main(int argc, char **argv)
 {
-    if (argc != 2) {
-        (void)fprintf(stderr, "usage: %s NACRE\n", argv[0]);
+    if (argc != 3) {
+        (void)fprintf(stderr, "usage: %s NACRE SOURCES\n", argv[0]);
         return 2;
     }
     nacre = argv[1];

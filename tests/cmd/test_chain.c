@@ -215,8 +215,8 @@ static void the_error_verb_tells_the_same(void)
 
 int main(int argc, char **argv)
 {
-    if (argc != 2) {
-        (void)fprintf(stderr, "usage: %s NACRE\n", argv[0]);
+    if (argc != 3) {
+        (void)fprintf(stderr, "usage: %s NACRE SOURCES\n", argv[0]);
         return 2;
     }
     nacre = argv[1];

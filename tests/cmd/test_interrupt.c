@@ -144,8 +144,8 @@ static void a_stopped_scan_resumes_to_what_it_would_have_been(void)
 
 int main(int argc, char **argv)
 {
-    if (argc != 2) {
-        (void)fprintf(stderr, "usage: %s NACRE\n", argv[0]);
+    if (argc != 3) {
+        (void)fprintf(stderr, "usage: %s NACRE SOURCES\n", argv[0]);
         return 2;
     }
     nacre = argv[1];
