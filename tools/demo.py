@@ -43,7 +43,8 @@ def main():
     for scene in ('area', 'projector'):
         shutil.copy(os.path.join(ROOT, f'render/examples/{scene}.yaml'), folder)
         stage(f'Render under the {scene} light', 'render', f'{scene}.yaml', '-o', f'{scene}.png')
-    stage('Write the report', 'report', 'scan.exr', 'material.exr', '-o', 'report.html')
+    stage('Write the report', 'report', 'scan.exr', 'material.exr', 'area.png', 'projector.png',
+          '-o', 'report.html')
     summarise()
 
 

@@ -100,7 +100,7 @@ static void every_reader_refuses_the_scan(const char *name)
 {
     REFUSES(FAILED, name, "factor", input(name), "-o", output("out.exr"));
     REFUSES(FAILED, name, "error", input(name), input("material.exr"));
-    REFUSES(FAILED, name, "report", input(name), "-o", output("out.html"));
+    REFUSES(FAILED, name, "report", input(name), input("material.exr"), "-o", output("out.html"));
 }
 
 static void a_missing_scan_is_refused(void)
@@ -175,6 +175,14 @@ static void a_material_without_its_factors_is_refused(void)
 static void a_material_cut_in_the_middle_is_refused(void)
 {
     every_reader_refuses_the_material("material-cut-middle.exr");
+}
+
+static void a_missing_picture_is_refused_by_the_report(void)
+{
+    REFUSES(FAILED, "absent.png", "report", input("scan.exr"), input("material.exr"),
+            input("absent.png"), "-o", output("out.html"));
+    REFUSES(FAILED, "text.exr", "report", input("scan.exr"), input("material.exr"),
+            input("text.exr"), "-o", output("out.html"));
 }
 
 static void a_material_of_another_size_than_the_scan_is_refused(void)
@@ -271,7 +279,8 @@ static void arguments_left_out_are_wrong_usage(void)
     REFUSES(WRONG_USAGE, "--output", "factor", input("scan.exr"));
     REFUSES(WRONG_USAGE, "--output", "develop", input("session"));
     REFUSES(WRONG_USAGE, "--output", "render", input("scene.yaml"));
-    REFUSES(WRONG_USAGE, "--output", "report", input("scan.exr"));
+    REFUSES(WRONG_USAGE, "--output", "report", input("scan.exr"), input("material.exr"));
+    REFUSES(WRONG_USAGE, "MATERIAL", "report", input("scan.exr"), "-o", output("out.html"));
     REFUSES(WRONG_USAGE, "MATERIAL", "error", input("scan.exr"));
 }
 
@@ -339,7 +348,7 @@ static void an_output_that_is_a_folder_is_refused(void)
             keep(path_join(below, "out.exr")));
     REFUSES(FAILED, "out.png", "render", input("scene.yaml"), "-o",
             keep(path_join(below, "out.png")));
-    REFUSES(FAILED, "out.html", "report", input("scan.exr"), "-o",
+    REFUSES(FAILED, "out.html", "report", input("scan.exr"), input("material.exr"), "-o",
             keep(path_join(below, "out.html")));
 }
 
@@ -459,6 +468,7 @@ int main(int argc, char **argv)
     RUN_TEST(a_material_of_unknown_format_is_refused);
     RUN_TEST(a_material_without_its_factors_is_refused);
     RUN_TEST(a_material_cut_in_the_middle_is_refused);
+    RUN_TEST(a_missing_picture_is_refused_by_the_report);
     RUN_TEST(a_material_of_another_size_than_the_scan_is_refused);
     RUN_TEST(missing_settings_files_are_refused);
     RUN_TEST(unknown_keys_are_refused_with_their_place);
