@@ -14,7 +14,7 @@
 struct drawn_dot {
     int left, top, right, bottom;
     bool
-        cut; /* touches the edge of the region, so may be a part of a dot, or be seen against a dark surround */
+        cut; /* touches the edge of the region: may be part of a dot, and is seen against the dark */
 };
 
 /* One dots pattern: what was drawn, and what the camera saw of it. */

@@ -8,6 +8,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Where white is below this share of the colour's level, the quotient of dots and white is too noisy to find dots. */
+static const double dots_share = 0.1;
+
 /* Statistics gathered over the frames of one kind. */
 struct gathering {
     const struct noise_model *noise;
@@ -277,7 +280,10 @@ static int work_dots(void *state, const struct merged *merged, float *result,
         goto out;
     }
     for (size_t i = 0; i < pixels; i++) {
-        result[i] = flat->lit[i] ? merged->radiance[i] / flat->white[i] : NAN;
+        int channel = bayer_channel(flat->bayer, (int)(i % (size_t)flat->width),
+                                    (int)(i / (size_t)flat->width));
+        bool enough = (double)flat->white[i] > dots_share * flat->levels[channel];
+        result[i] = enough ? merged->radiance[i] / flat->white[i] : NAN;
     }
     status = dots_find(result, flat->width, flat->height, (double)lit / (double)points, &view->seen,
                        error);

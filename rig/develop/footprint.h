@@ -14,9 +14,8 @@ struct footprints {
     size_t pixels;
     size_t *start;    /* [pixels + 1] */
     uint32_t *points; /* y * surface width + x */
-    float *
-        share; /* of the pixel's view of the sample: adds up to 1 for each pixel that sees it at all */
-    float *inside; /* [pixels]: how much of the whole view is sample */
+    float *share;     /* of what the pixel sees of the sample: adds up to 1 */
+    float *inside;    /* [pixels]: how much of the whole view is sample */
 };
 
 /* Map each of width x height camera pixels onto the surface of surface_width x surface_height points and intersect

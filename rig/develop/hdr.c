@@ -18,7 +18,7 @@ struct term {
     const uint16_t *raw;
     float seconds;
     bool
-        shortest; /* used wherever its sample is below saturation: there is nothing shorter to ask */
+        shortest; /* used wherever its sample is below saturation: nothing shorter is left to ask */
 };
 
 static void add_term(const struct term *term, const struct noise_model *noise, int bits, bool first,

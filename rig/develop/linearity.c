@@ -61,9 +61,10 @@ void linearity_add(struct linearity *linearity, const struct pattern_frames *fra
         size_t index = exposure_index(linearity, t);
         double residual = 0;
         double expected = 0;
+        double scatter = 0;
         for (size_t i = 0; i < linearity->pixels; i++) {
-            double light = fmax(radiance[i], 0) * t;
-            double variance = floor_variance + light * shot;
+            double light = (double)radiance[i] * t;
+            double variance = floor_variance + fmax(light, 0) * shot;
             if (isnan(radiance[i]) || light + 5 * sqrt(variance) > range) {
                 continue;
             }
@@ -79,10 +80,12 @@ void linearity_add(struct linearity *linearity, const struct pattern_frames *fra
             linearity->count[i]++;
             residual += value - light;
             expected += light;
+            scatter += variance;
         }
         if (index < EXPOSURES) {
             linearity->residual[index] += residual;
             linearity->expected[index] += expected;
+            linearity->variance[index] += scatter;
         }
     }
 }
@@ -147,7 +150,7 @@ static int common_spread(const struct linearity *linearity, double *median,
 /* Lower quartile of the measured pixels of the same colour around (x, y), itself left out: dark as soon as the border of
  * the lit area is near, where a pixel may be dark by right. */
 static double neighbour_level(const float *values, int width, int height, enum bayer bayer, int x,
-                               int y)
+                              int y)
 {
     double around[(2 * REACH + 1) * (2 * REACH + 1)];
     size_t count = 0;
@@ -172,7 +175,8 @@ static double largest_deviation(const struct linearity *linearity)
     double deviation = NAN;
     size_t used = 0;
     for (size_t e = 0; e < linearity->exposure_count; e++) {
-        if (linearity->expected[e] > 0) {
+        if (linearity->expected[e] > 100 * sqrt(linearity->variance[e]) &&
+            linearity->expected[e] > 0) {
             double relative = fabs(linearity->residual[e]) / linearity->expected[e];
             deviation = isnan(deviation) ? relative : fmax(deviation, relative);
             used++;

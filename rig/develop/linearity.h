@@ -13,20 +13,22 @@
  * linearity_finish frees. */
 struct linearity {
     size_t pixels;
-    double *
-        sums; /* [pixels][6]: weight, times, squares of times, values, values times times, squares of values */
+    /* [pixels][6]: weight, times, squares of times, values, values times times, squares of values */
+    double *sums;
     unsigned *count;
-    size_t exposure_count; /* different exposure times seen, the first 16 of them */
-    double seconds[16], residual[16],
-        expected[16]; /* each: time, sum of (value - expected), sum of expected */
+    /* Different exposure times seen, the first 16 of them, and over all pixels for each the sum of what values have
+     * too much, of what they should be, and of their variances. */
+    size_t exposure_count;
+    double seconds[16], residual[16], expected[16], variance[16];
 };
 
 struct linearity_report {
-    size_t dead;      /* pixels that answer far less than nearly all of their neighbours of the same colour */
-    size_t nonlinear; /* pixels whose values lie off their line more than noise explains */
-    size_t noisy;     /* pixels that vary in the black frames more than noise explains */
-    double
-        deviation; /* largest mean departure of an exposure from proportion, relative; NaN below two exposures */
+    /* Pixels that answer far less than nearly all of their neighbours of the same colour; whose values lie off their
+     * line, or vary in the black frames, more than noise explains. */
+    size_t dead, nonlinear, noisy;
+    /* Largest mean departure of an exposure from proportion, relative; only exposures that tell it to 1 % count. NaN
+     * where less than two do. */
+    double deviation;
 };
 
 int linearity_init(struct linearity *linearity, size_t pixels, struct nacre_error *error);

@@ -181,16 +181,16 @@ void made_write_settings(const struct made_station *station, const char *folder,
                          const char *plan_text)
 {
     char text[1024];
-    (void)snprintf(text, sizeof text,
-                   "sample: {width: %d, height: %d, pitch_mm: 0.5}\n"
-                   "camera: {driver: virtual, width: %d, height: %d, bits: %d, bayer: %s, pedestal: %g, "
-                   "read_noise: %g, electrons: %g}\n"
-                   "projector: {driver: virtual, wheel_hz: 10000}\ntrigger: {driver: virtual}\n"
-                   "white_reflectance: [%g, %g, %g]\n",
-                   station->width, station->height, station->camera_width, station->camera_height,
-                   station->bits, bayer_names[station->bayer], station->pedestal,
-                   station->read_noise, station->electrons, station->white[0], station->white[1],
-                   station->white[2]);
+    (void)snprintf(
+        text, sizeof text,
+        "sample: {width: %d, height: %d, pitch_mm: 0.5}\n"
+        "camera: {driver: virtual, width: %d, height: %d, bits: %d, bayer: %s, pedestal: %g, "
+        "read_noise: %g, electrons: %g}\n"
+        "projector: {driver: virtual, wheel_hz: 10000}\ntrigger: {driver: virtual}\n"
+        "white_reflectance: [%g, %g, %g]\n",
+        station->width, station->height, station->camera_width, station->camera_height,
+        station->bits, bayer_names[station->bayer], station->pedestal, station->read_noise,
+        station->electrons, station->white[0], station->white[1], station->white[2]);
     write_text(folder, "station.yaml", text);
     write_text(folder, "plan.yaml", plan_text);
 }
@@ -202,15 +202,11 @@ static void measure(const struct made_station *station, const struct session *se
     size_t pixels = (size_t)station->camera_width * (size_t)station->camera_height;
     struct nacre_error error = {""};
     struct exposure exposures[16] = {0};
-    struct pattern_frames frames = {pattern,
-                                    station->camera_width,
-                                    station->camera_height,
-                                    station->bits,
-                                    station->bayer,
-                                    session->plan.seed,
-                                    session->plan.exposure_count,
-                                    exposures};
-    struct made_random random = {(uint64_t)pattern.kind * 1000003u + (uint64_t)pattern.number * 7919u};
+    struct pattern_frames frames = {
+        pattern,        station->camera_width, station->camera_height,       station->bits,
+        station->bayer, session->plan.seed,    session->plan.exposure_count, exposures};
+    struct made_random random = {(uint64_t)pattern.kind * 1000003u +
+                                 (uint64_t)pattern.number * 7919u};
     uint8_t *levels = malloc(points);
     float *radiosity = malloc(3 * points * sizeof *radiosity);
     double *signal = malloc(pixels * sizeof *signal);
@@ -275,6 +271,7 @@ static int remove_one(const char *path, const struct stat *found, int flag, stru
 
 void made_folder_remove(char *folder)
 {
-    (void)nftw(folder, remove_one, 16, FTW_DEPTH | FTW_PHYS); /* what stays is in a temporary folder */
+    (void)nftw(folder, remove_one, 16,
+               FTW_DEPTH | FTW_PHYS); /* what stays is in a temporary folder */
     free(folder);
 }

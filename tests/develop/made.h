@@ -21,13 +21,13 @@ struct made_station {
     int camera_width, camera_height, bits;
     enum bayer bayer;
     double pedestal, read_noise, electrons; /* 0: none */
-    double map[9];       /* surface to camera, row by row */
-    double gain[3];      /* raw units a second of a pixel full of radiosity 1, before vignetting */
-    double vignetting;   /* loss in the camera's corners */
-    double black;        /* irradiance of a dark projector pixel; of a lit one it is 1 */
-    double reach;        /* decay length of the material, surface points */
-    double white[3];     /* reflectance of the white layer */
-    int dead_x, dead_y;  /* a pixel that sees nothing; -1: none */
+    double map[9];                          /* surface to camera, row by row */
+    double gain[3];     /* raw units a second of a pixel full of radiosity 1, before vignetting */
+    double vignetting;  /* loss in the camera's corners */
+    double black;       /* irradiance of a dark projector pixel; of a lit one it is 1 */
+    double reach;       /* decay length of the material, surface points */
+    double white[3];    /* reflectance of the white layer */
+    int dead_x, dead_y; /* a pixel that sees nothing; -1: none */
 };
 
 /* 40 x 36 points seen by 190 x 170 pixels of 10 bits from aside, with all kinds of noise. */

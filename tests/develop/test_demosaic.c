@@ -18,8 +18,11 @@ static const double other_in_own_row[5][5] = {
 static const double other_in_own_column[5][5] = {
     {0, 0, -1, 0, 0}, {0, -1, 4, -1, 0}, {0.5, 0, 5, 0, 0.5}, {0, -1, 4, -1, 0}, {0, 0, -1, 0, 0}};
 /* R at blue and B at red. */
-static const double other_at_opposite[5][5] = {
-    {0, 0, -1.5, 0, 0}, {0, 2, 0, 2, 0}, {-1.5, 0, 6, 0, -1.5}, {0, 2, 0, 2, 0}, {0, 0, -1.5, 0, 0}};
+static const double other_at_opposite[5][5] = {{0, 0, -1.5, 0, 0},
+                                               {0, 2, 0, 2, 0},
+                                               {-1.5, 0, 6, 0, -1.5},
+                                               {0, 2, 0, 2, 0},
+                                               {0, 0, -1.5, 0, 0}};
 
 static float mosaic[HEIGHT][WIDTH], planes[3][HEIGHT][WIDTH];
 
@@ -66,8 +69,8 @@ static double published(const char *order, char wanted, int x, int y)
     if (here != 'G') {
         return filtered(other_at_opposite, x, y);
     }
-    return filtered(row[0] == wanted || row[1] == wanted ? other_in_own_row : other_in_own_column, x,
-                    y);
+    return filtered(row[0] == wanted || row[1] == wanted ? other_in_own_row : other_in_own_column,
+                    x, y);
 }
 
 static void every_order_agrees_with_the_published_filters(void)

@@ -61,7 +61,8 @@ static double scan_error(const char *name)
             for (int i = 0; i < 3 * window * window; i++) {
                 int xo = x + i % window - window / 2;
                 int yo = y + i / window % window - window / 2;
-                if (xo >= 0 && yo >= 0 && xo < info->width && yo < info->height && !isnan(response[i])) {
+                if (xo >= 0 && yo >= 0 && xo < info->width && yo < info->height &&
+                    !isnan(response[i])) {
                     double exact = made_transfer(&station, i / window / window, x, y, xo, yo);
                     off += (response[i] - exact) * (response[i] - exact);
                     all += exact * exact;
@@ -87,8 +88,12 @@ static void compare_ways(void)
             options.black = (enum black_mode)black;
             options.demosaic = (enum demosaic)demosaic;
             struct develop_report r = develop(&options, "scan.exr");
-            printf("%s %s: error %.5f rms %.4f noise %.3g overlap %.3g rim %.3g total %.2f grids %.2f lin %.2g dead %zu %zu %zu black %g noise %g\n", black_mode_names[black],
-                   demosaic_names[demosaic], scan_error("scan.exr"), r.align.rms_px, r.noise, r.overlap, r.rim_share, r.total_seconds, r.grid_seconds, r.linearity.deviation, r.linearity.dead, r.linearity.nonlinear, r.linearity.noisy, r.black_level, r.frame_noise);
+            printf("%s %s: error %.5f rms %.4f noise %.3g overlap %.3g rim %.3g total %.2f grids "
+                   "%.2f lin %.2g dead %zu %zu %zu black %g noise %g\n",
+                   black_mode_names[black], demosaic_names[demosaic], scan_error("scan.exr"),
+                   r.align.rms_px, r.noise, r.overlap, r.rim_share, r.total_seconds, r.grid_seconds,
+                   r.linearity.deviation, r.linearity.dead, r.linearity.nonlinear,
+                   r.linearity.noisy, r.black_level, r.frame_noise);
         }
     }
 }
@@ -98,7 +103,17 @@ int main(void)
     UNITY_BEGIN();
     folder = made_folder();
     station = made_station_usual();
-    if (getenv("N")) { int n=atoi(getenv("N")); if (n>0) station.electrons=0; if (n>1) station.read_noise=0; if(n>2) station.bits=16, station.gain[0]*=60,station.gain[1]*=60,station.gain[2]*=60; if (n>3) station.reach=0.5;}
+    if (getenv("N")) {
+        int n = atoi(getenv("N"));
+        if (n > 0)
+            station.electrons = 0;
+        if (n > 1)
+            station.read_noise = 0;
+        if (n > 2)
+            station.bits = 16, station.gain[0] *= 60, station.gain[1] *= 60, station.gain[2] *= 60;
+        if (n > 3)
+            station.reach = 0.5;
+    }
     session_path = made_session(&station, folder, made_plan_text);
     RUN_TEST(compare_ways);
     free(session_path);

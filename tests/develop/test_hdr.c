@@ -111,7 +111,8 @@ static double reference(int pixel)
         for (int e = 0; e < EXPOSURES; e++) {
             double raw = exposures[e].raw[pixel];
             double expected = fmax(estimate, 0) * seconds[e];
-            double var = noise.read_noise * noise.read_noise + 1.0 / 12 + expected / noise.electrons;
+            double var =
+                noise.read_noise * noise.read_noise + 1.0 / 12 + expected / noise.electrons;
             bool safe = limit - noise.pedestal - expected >= 4 * sqrt(var);
             if (raw < limit && (round == 0 || e == 0 || safe)) {
                 above += seconds[e] * (raw - noise.pedestal) / var;
@@ -131,7 +132,8 @@ static void merge_agrees_with_double_reference(void)
         size_t off = 0;
         for (int i = 0; i < PIXELS; i += 10) {
             /* A few pixels lie so near the limit of an exposure that rounding decides whether it counts. */
-            off += fabs((double)radiance[i] - reference(i)) > 1e-3 * sqrt((double)variance[i]) ? 1 : 0;
+            off +=
+                fabs((double)radiance[i] - reference(i)) > 1e-3 * sqrt((double)variance[i]) ? 1 : 0;
         }
         TEST_ASSERT_TRUE(off <= 2);
     }
@@ -140,10 +142,11 @@ static void merge_agrees_with_double_reference(void)
 static void merge_is_unbiased_and_knows_its_variance(void)
 {
     /* Over 10,000:1, and where an exposure is just at the end of its range. */
-    const double lights[] = {light_at(0, 0.95),  light_at(0, 0.95) / 1e4, light_at(0, 0.95) / 1e3,
-                             light_at(0, 0.95) / 1e2, light_at(3, 0.9),  light_at(3, 0.97),
-                             light_at(3, 0.99),  light_at(3, 1),          light_at(2, 0.98),
-                             light_at(1, 0.985), light_at(1, 1.01)};
+    const double lights[] = {
+        light_at(0, 0.95),       light_at(0, 0.95) / 1e4, light_at(0, 0.95) / 1e3,
+        light_at(0, 0.95) / 1e2, light_at(3, 0.9),        light_at(3, 0.97),
+        light_at(3, 0.99),       light_at(3, 1),          light_at(2, 0.98),
+        light_at(1, 0.985),      light_at(1, 1.01)};
     for (size_t k = 0; k < sizeof lights / sizeof *lights; k++) {
         expose(lights[k]);
         TEST_ASSERT_EQUAL_UINT(0, hdr_merge(&frames, &noise, radiance, variance));
@@ -173,8 +176,8 @@ static void weighing_each_sample_by_its_own_noise_would_be_biased(void)
         double below = 0;
         for (int e = 0; e < EXPOSURES; e++) {
             double value = exposures[e].raw[i] - noise.pedestal;
-            double var = noise.read_noise * noise.read_noise + 1.0 / 12 +
-                         fmax(value, 0) / noise.electrons;
+            double var =
+                noise.read_noise * noise.read_noise + 1.0 / 12 + fmax(value, 0) / noise.electrons;
             above += seconds[e] * value / var;
             below += seconds[e] * seconds[e] / var;
         }

@@ -41,7 +41,8 @@ static double difference(const struct homography *found)
     double largest = 0;
     for (int y = 0; y <= 40; y += 4) {
         for (int x = 0; x <= 48; x += 4) {
-            struct point_pair pair = {{x, y}, homography_apply(&truth, (struct point){x, y}), false};
+            struct point_pair pair = {
+                {x, y}, homography_apply(&truth, (struct point){x, y}), false};
             largest = fmax(largest, homography_distance(found, &pair));
         }
     }
