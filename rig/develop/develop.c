@@ -80,16 +80,9 @@ static int take_grid(void *state, const struct merged *merged, const float *resu
     return NACRE_OK;
 }
 
-static int check_plan(const struct session *session, struct nacre_error *error)
+static int check_grids(const struct session *session, struct nacre_error *error)
 {
     const struct plan *plan = &session->plan;
-    if (plan->grid_spacing < plan->window) {
-        return nacre_fail(
-            error,
-            "%s: its windows of %d surface points overlap, as lit points are only %d apart; a "
-            "plan needs grid_spacing >= window",
-            session->path, plan->window, plan->grid_spacing);
-    }
     for (int n = 0; n < plan_pattern_count(plan, PATTERN_GRID); n++) {
         if (session_has(session, (struct pattern){PATTERN_GRID, n})) {
             return NACRE_OK;
@@ -246,7 +239,7 @@ int develop_session(const char *session_path, const struct develop_options *opti
     if (status != NACRE_OK) {
         goto out;
     }
-    status = check_plan(&session, error);
+    status = check_grids(&session, error);
     if (status != NACRE_OK) {
         goto out;
     }

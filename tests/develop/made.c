@@ -60,7 +60,7 @@ struct made_station made_station_usual(void)
                                  .read_noise = 1.2,
                                  .electrons = 15,
                                  .map = {4.45, 0.16, 6.3, -0.14, 4.38, 10.2, 0.0006, 0.0011, 1},
-                                 .gain = {60000, 80000, 50000},
+                                 .gain = {450000, 600000, 400000},
                                  .vignetting = 0.2,
                                  .black = 0.0005,
                                  .reach = 0.9,
@@ -195,38 +195,63 @@ void made_write_settings(const struct made_station *station, const char *folder,
     write_text(folder, "plan.yaml", plan_text);
 }
 
-static void measure(const struct made_station *station, const struct session *session,
-                    struct pattern pattern)
+/* raw[camera_height][camera_width] of every exposure of a pattern. */
+static void expose_pattern(const struct made_station *station, const struct plan *plan,
+                           struct pattern_frames *frames)
 {
     size_t points = (size_t)station->width * (size_t)station->height;
+    struct pattern pattern = frames->pattern;
+    struct made_random random = {(uint64_t)pattern.kind * 1000003u +
+                                 (uint64_t)pattern.number * 7919u};
+    uint8_t *levels = malloc(points);
+    float *radiosity = malloc(3 * points * sizeof *radiosity);
+    double *signal = malloc((size_t)frames->width * (size_t)frames->height * sizeof *signal);
+    plan_draw(plan, pattern, station->width, station->height, levels);
+    made_light(station, levels, pattern.kind == PATTERN_WHITE || pattern.kind == PATTERN_DOTS,
+               radiosity);
+    made_signal(station, radiosity, signal);
+    for (size_t e = 0; e < frames->count; e++) {
+        made_expose(station, signal, (double)frames->exposures[e].exposure_ns * 1e-9, &random,
+                    frames->exposures[e].raw);
+    }
+    free(levels);
+    free(radiosity);
+    free(signal);
+}
+
+static void measure(const struct made_station *station, const struct session *session,
+                    struct pattern pattern, int fill)
+{
     size_t pixels = (size_t)station->camera_width * (size_t)station->camera_height;
     struct nacre_error error = {""};
     struct exposure exposures[16] = {0};
     struct pattern_frames frames = {
         pattern,        station->camera_width, station->camera_height,       station->bits,
         station->bayer, session->plan.seed,    session->plan.exposure_count, exposures};
-    struct made_random random = {(uint64_t)pattern.kind * 1000003u +
-                                 (uint64_t)pattern.number * 7919u};
-    uint8_t *levels = malloc(points);
-    float *radiosity = malloc(3 * points * sizeof *radiosity);
-    double *signal = malloc(pixels * sizeof *signal);
-    plan_draw(&session->plan, pattern, station->width, station->height, levels);
-    made_light(station, levels, pattern.kind == PATTERN_WHITE || pattern.kind == PATTERN_DOTS,
-               radiosity);
-    made_signal(station, radiosity, signal);
     for (size_t e = 0; e < frames.count; e++) {
         exposures[e].exposure_ns = session_exposure_ns(session, e);
         exposures[e].raw = malloc(pixels * sizeof *exposures[e].raw);
-        made_expose(station, signal, (double)exposures[e].exposure_ns * 1e-9, &random,
-                    exposures[e].raw);
+        for (size_t i = 0; i < pixels; i++) {
+            exposures[e].raw[i] = (uint16_t)fill;
+        }
+    }
+    if (fill < 0) {
+        expose_pattern(station, &session->plan, &frames);
     }
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, session_write(session, &frames, &error), error.text);
     for (size_t e = 0; e < frames.count; e++) {
         free(exposures[e].raw);
     }
-    free(levels);
-    free(radiosity);
-    free(signal);
+}
+
+void made_measure(const struct made_station *station, const char *path, struct pattern pattern,
+                  int fill)
+{
+    struct session session;
+    struct nacre_error error = {""};
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, session_open(path, &session, &error), error.text);
+    measure(station, &session, pattern, fill);
+    session_finish(&session);
 }
 
 char *made_session(const struct made_station *station, const char *folder, const char *plan_text)
@@ -245,7 +270,7 @@ char *made_session(const struct made_station *station, const char *folder, const
         error.text);
     for (int kind = 0; kind < PATTERN_KINDS; kind++) {
         for (int n = 0; n < plan_pattern_count(&session.plan, (enum pattern_kind)kind); n++) {
-            measure(station, &session, (struct pattern){(enum pattern_kind)kind, n});
+            measure(station, &session, (struct pattern){(enum pattern_kind)kind, n}, -1);
         }
     }
     session_finish(&session);

@@ -48,14 +48,19 @@ void made_signal(const struct made_station *station, const float *radiosity, dou
 void made_expose(const struct made_station *station, const double *signal, double seconds,
                  struct made_random *random, uint16_t *raw);
 
-/* The plan of the usual session: spacing and window 9, exposures 1 to 64 turns of 100 Hz. `path` gets plan.yaml and
- * station.yaml. */
+/* Write FOLDER/station.yaml and plan.yaml. */
 void made_write_settings(const struct made_station *station, const char *folder,
                          const char *plan_text);
+
+/* The usual plan: spacing and window 9, exposures of 1 to 64 turns of 0.1 ms. */
 extern const char made_plan_text[];
 
 /* Measure everything of a plan into the new session FOLDER/session and return its path (heap). */
 char *made_session(const struct made_station *station, const char *folder, const char *plan_text);
+
+/* Measure one pattern of the session at `path` (again), or with `fill` >= 0 write frames that hold that value alone. */
+void made_measure(const struct made_station *station, const char *path, struct pattern pattern,
+                  int fill);
 
 /* A new folder below TMPDIR or /tmp (heap), and removing one with all that it holds. */
 char *made_folder(void);
