@@ -29,7 +29,6 @@ static const char plan_text[] = "seed: 3\nblack_frames: 24\nwhite_frames: 4\ndot
                                 "dot_shift: 2\ngrid_spacing: 9\nwindow: 9\n"
                                 "exposure_turns: [1, 4, 15, 60]\n";
 
-static struct opencl opencl;
 static char *folder;
 static struct nacre_error error;
 
@@ -95,7 +94,7 @@ static void scan(const char *sensor, double vignetting, double roll_deg)
     char *path = in_folder("session");
     char *station = in_folder("station.yaml");
     must(session_create(path, station, NULL, false, &session, &error));
-    must(virtual_station_new(&session.station, &opencl, &simulated, &error));
+    must(virtual_station_new(&session.station, &simulated, &error));
     struct devices devices = {virtual_station_camera(simulated),
                               virtual_station_projector(simulated),
                               virtual_station_trigger(simulated), virtual_station_clock(simulated)};
@@ -128,7 +127,7 @@ static void simulate(void)
     char *path = in_folder("sample.yaml");
     char *output = in_folder("exact.exr");
     must(sample_read(path, &sample, &error));
-    must(transport_new(&sample, &opencl, &transport, &error));
+    must(transport_new(&sample, &transport, &error));
     must(transport_write_scan(transport, WINDOW, output, NULL, &error));
     transport_free(transport);
     sample_finish(&sample);
@@ -233,14 +232,9 @@ static void camera_upside_down_gives_the_same_scan(void)
 int main(void)
 {
     UNITY_BEGIN();
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
-        (void)fprintf(stderr, "%s\n", error.text);
-        return EXIT_FAILURE;
-    }
     RUN_TEST(scan_without_noise_is_exact_but_for_the_virtual_camera);
     RUN_TEST(scan_with_noise_and_fall_off_is_within_its_budget);
     RUN_TEST(fit_beats_the_means_by_far);
     RUN_TEST(camera_upside_down_gives_the_same_scan);
-    opencl_close(&opencl);
     return UNITY_END();
 }
