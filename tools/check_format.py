@@ -10,7 +10,7 @@ if not shutil.which('clang-format'):
     print('format: clang-format is not installed')
     sys.exit(77)
 files = sorted(os.path.relpath(os.path.join(folder, name), root)
-               for top in ('cmd', 'factor', 'lib', 'render', 'rig', 'study', 'tests')
+               for top in ('cmd', 'factor', 'firmware', 'lib', 'render', 'rig', 'study', 'tests')
                for folder, _, names in os.walk(os.path.join(root, top))
                for name in names if name.endswith(('.c', '.h')))
 wrong = []

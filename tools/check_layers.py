@@ -8,6 +8,7 @@ import sys
 MAY_USE = {
     'lib/nacre': [],
     'lib/base': ['lib/nacre'],
+    'firmware': [],
     'rig': ['lib/base', 'lib/nacre'],
     'rig/virtual': ['rig', 'lib/base', 'lib/nacre'],
     'rig/develop': ['rig', 'lib/base', 'lib/nacre'],
@@ -15,10 +16,13 @@ MAY_USE = {
     'render': ['lib/base', 'lib/nacre'],
     'study': ['factor', 'render', 'rig/develop', 'rig', 'lib/base', 'lib/nacre'],
     'cmd': ['study', 'factor', 'render', 'rig/virtual', 'rig/develop', 'rig', 'lib/base', 'lib/nacre'],
-    'tests': ['study', 'factor', 'render', 'rig/virtual', 'rig/develop', 'rig', 'lib/base', 'lib/nacre'],
+    'tests': ['firmware', 'study', 'factor', 'render', 'rig/virtual', 'rig/develop', 'rig', 'lib/base', 'lib/nacre'],
 }
 # A station file holds the settings of every driver, of the virtual ones too; they are data without code behind them.
-EXCEPTIONS = {('rig/station.h', 'rig/virtual/settings.h'), ('rig/station.c', 'rig/virtual/settings.h')}
+# The trigger board's back end speaks the firmware's protocol; nothing else of the firmware is for the host.
+EXCEPTIONS = {('rig/station.h', 'rig/virtual/settings.h'), ('rig/station.c', 'rig/virtual/settings.h'),
+              ('rig/trigger_usb.c', 'firmware/protocol.h'), ('rig/trigger_usb.h', 'firmware/protocol.h'),
+              ('rig/usb_libusb.c', 'firmware/protocol.h')}
 # Headers from outside that a layer must do without: the public library has no OpenCL.
 OUTSIDE = {'lib/nacre': ('CL/', 'yaml.h', 'jansson.h')}
 
@@ -71,6 +75,10 @@ def check_itself():
         ('rig/sequence.c', '#include "rig/virtual/settings.h"', False),
         ('rig/station.h', '#include "rig/virtual/settings.h"', True),
         ('rig/develop/a.c', '#include "rig/virtual/sample.h"', False),
+        ('rig/sequence.c', '#include "firmware/protocol.h"', False),
+        ('rig/trigger_usb.c', '#include "firmware/protocol.h"', True),
+        ('rig/trigger_usb.c', '#include "firmware/board.h"', False),
+        ('firmware/loop.c', '#include "lib/nacre/error.h"', False),
         ('rig/develop/a.c', '#include "rig/plan.h"', True),
         ('study/a.c', '#include "cmd/verbs.h"', False),
         ('cmd/a.c', '#include "tests/cmd/spawn.h"', False),
