@@ -54,7 +54,11 @@ static const char style[] =
     "@media(max-width:40rem){h1{font-size:1.5rem}.point{grid-template-columns:1fr 1fr}"
     ".point>div:last-child{grid-column:1/-1}}"
     "@media print{@page{margin:14mm}body{background:#fff;font-size:10.5pt}main{padding:0;"
-    "max-width:none}figure,.key div,.point,tr{break-inside:avoid}h2,h3{break-after:avoid}"
+    "max-width:none}figure,.key div,.point,tr{break-inside:avoid}h2,h2+p,h3{break-after:avoid}"
+    ".two{grid-template-columns:1fr 1fr;gap:4mm}.three{grid-template-columns:1fr 1fr 1fr;gap:4mm}"
+    ".key{grid-template-columns:repeat(5,1fr);gap:3mm}.key b{font-size:14pt}h2{margin-top:7mm}"
+    ".point{grid-template-columns:1fr 1fr 1.45fr}.point>div:last-child{grid-column:auto}"
+    "figure.long{break-inside:auto}"
     ".scroll{overflow:visible}table{font-size:8pt}th,td{padding:.25rem .35rem}"
     "*{-webkit-print-color-adjust:exact;print-color-adjust:exact}}";
 

@@ -197,7 +197,7 @@ int report_write_responses(struct report *report, struct nacre_error *error)
     (void)fputs("<h2>Responses, measured and factored</h2>\n<p>What leaves around one lit surface "
                 "point, on a logarithmic scale that a pair shares; the mean of the channels. The "
                 "points stand at fixed places in the order of their errors; none is picked for its "
-                "looks.</p>\n<figure>\n",
+                "looks.</p>\n<figure class=\"long\">\n",
                 page);
     for (size_t i = 0; i < report->point_count && status == NACRE_OK; i++) {
         if (!pair.measured || !pair.factored) {
