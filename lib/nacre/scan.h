@@ -48,7 +48,8 @@ int nacre_scan_create(const char *path, const struct nacre_scan_info *info,
                       struct nacre_scan_writer **writer, struct nacre_error *error);
 
 /* Write the response of (x, y), each point at most once, in any order, one thread at a time. Entries outside the
- * sample are stored as 0 whatever they hold. */
+ * sample are stored as 0 whatever they hold. Compressing is put off until several responses wait, and uses all cores;
+ * a failure may be that of an earlier point, which the text names. */
 int nacre_scan_write(struct nacre_scan_writer *writer, int x, int y, const float *response,
                      struct nacre_error *error);
 

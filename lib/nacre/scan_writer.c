@@ -8,15 +8,27 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Tiles that are compressed at the same time. They are written in the order in which they came, so that a scan's bytes
+ * depend on nothing but its responses and their order. */
+enum { BATCH = 128 };
+
+/* One tile on its way. */
+struct tile {
+    int x, y;
+    float *response; /* [channels][K][K], as it is stored */
+    exr_encode_pipeline_t pipeline;
+    bool ready; /* the pipeline */
+    exr_result_t result;
+};
+
 struct nacre_scan_writer {
     struct nacre_scan_info info;
     char *path;
     struct whole_file whole;
     struct exr_stream stream;
-    exr_encode_pipeline_t pipeline;
-    bool encoding;
-    float *response; /* [channels][K][K], as it is stored */
-    bool *written;   /* [height][width] */
+    struct tile tiles[BATCH];
+    int capacity, count; /* of tiles: those that are used, and those that wait */
+    bool *written;       /* [height][width] */
 };
 
 static int check_info(const char *path, const struct nacre_scan_info *info,
@@ -105,9 +117,14 @@ int nacre_scan_create(const char *path, const struct nacre_scan_info *info,
     made->info = *info;
     made->info.source[sizeof made->info.source - 1] = '\0';
     made->path = strdup(path);
-    made->response = calloc(nacre_scan_response_size(info), sizeof *made->response);
+    made->capacity = info->compress ? BATCH : 1;
+    bool allocated = true;
+    for (int i = 0; i < made->capacity; i++) {
+        made->tiles[i].response = calloc(nacre_scan_response_size(info), sizeof(float));
+        allocated = allocated && made->tiles[i].response;
+    }
     made->written = calloc((size_t)info->width * (size_t)info->height, sizeof *made->written);
-    if (!made->path || !made->response || !made->written) {
+    if (!made->path || !allocated || !made->written) {
         status = nacre_fail_memory(error, path);
         goto out;
     }
@@ -130,16 +147,16 @@ out:
     return status;
 }
 
-/* Encode what is in writer->response as the tile (x, y). */
-static exr_result_t encode(struct nacre_scan_writer *writer, int x, int y)
+/* Pack and compress one tile, without writing it. Several threads do so with different tiles. */
+static exr_result_t encode(struct nacre_scan_writer *writer, struct tile *tile)
 {
     exr_context_t context = writer->stream.context;
-    exr_encode_pipeline_t *pipeline = &writer->pipeline;
+    exr_encode_pipeline_t *pipeline = &tile->pipeline;
     exr_chunk_info_t chunk;
-    exr_result_t result = exr_write_tile_chunk_info(context, 0, x, y, 0, 0, &chunk);
+    exr_result_t result = exr_write_tile_chunk_info(context, 0, tile->x, tile->y, 0, 0, &chunk);
     if (result == EXR_ERR_SUCCESS) {
-        result = writer->encoding ? exr_encoding_update(context, 0, &chunk, pipeline)
-                                  : exr_encoding_initialize(context, 0, &chunk, pipeline);
+        result = tile->ready ? exr_encoding_update(context, 0, &chunk, pipeline)
+                             : exr_encoding_initialize(context, 0, &chunk, pipeline);
     }
     if (result != EXR_ERR_SUCCESS) {
         return result;
@@ -153,24 +170,56 @@ static exr_result_t encode(struct nacre_scan_writer *writer, int x, int y)
         channel->user_bytes_per_element = sizeof(float);
         channel->user_pixel_stride = sizeof(float);
         channel->user_line_stride = writer->info.window * (int)sizeof(float);
-        channel->encode_from_ptr = (const uint8_t *)(writer->response + plane * window * window);
+        channel->encode_from_ptr = (const uint8_t *)(tile->response + plane * window * window);
     }
-    if (!writer->encoding) {
-        writer->encoding = true;
+    if (!tile->ready) {
+        tile->ready = true;
         result = exr_encoding_choose_default_routines(context, 0, pipeline);
+        pipeline->yield_until_ready_fn = NULL;
+        pipeline->write_fn = NULL;
     }
     return result == EXR_ERR_SUCCESS ? exr_encoding_run(context, 0, pipeline) : result;
 }
 
-static int write_response(struct nacre_scan_writer *writer, int x, int y, struct nacre_error *error)
+/* Compress the tiles that wait on all cores, then write them one after the other. */
+static int flush(struct nacre_scan_writer *writer, struct nacre_error *error)
 {
-    scan_window_clear_outside(&writer->info, x, y, writer->response);
-    exr_result_t result = encode(writer, x, y);
-    if (result != EXR_ERR_SUCCESS) {
-        return exr_stream_fail(&writer->stream, result, error, "tile (%d, %d): cannot write", x, y);
+    int count = writer->count;
+    writer->count = 0;
+#pragma omp parallel for schedule(dynamic, 1) if (count > 1)
+    for (int i = 0; i < count; i++) {
+        writer->tiles[i].result = encode(writer, &writer->tiles[i]);
     }
-    writer->written[(size_t)y * (size_t)writer->info.width + (size_t)x] = true;
+    for (int i = 0; i < count; i++) {
+        const struct tile *tile = &writer->tiles[i];
+        exr_result_t result = tile->result;
+        if (result == EXR_ERR_SUCCESS) {
+            result = exr_write_tile_chunk(writer->stream.context, 0, tile->x, tile->y, 0, 0,
+                                          tile->pipeline.compressed_buffer,
+                                          tile->pipeline.compressed_bytes);
+        }
+        if (result != EXR_ERR_SUCCESS) {
+            return exr_stream_fail(&writer->stream, result, error, "tile (%d, %d): cannot write",
+                                   tile->x, tile->y);
+        }
+    }
     return NACRE_OK;
+}
+
+/* Queue the response of (x, y), or NaN where it is NULL. */
+static int write_response(struct nacre_scan_writer *writer, int x, int y, const float *response,
+                          struct nacre_error *error)
+{
+    struct tile *tile = &writer->tiles[writer->count++];
+    size_t size = nacre_scan_response_size(&writer->info);
+    tile->x = x;
+    tile->y = y;
+    for (size_t i = 0; i < size; i++) {
+        tile->response[i] = response ? response[i] : NAN;
+    }
+    scan_window_clear_outside(&writer->info, x, y, tile->response);
+    writer->written[(size_t)y * (size_t)writer->info.width + (size_t)x] = true;
+    return writer->count == writer->capacity ? flush(writer, error) : NACRE_OK;
 }
 
 int nacre_scan_write(struct nacre_scan_writer *writer, int x, int y, const float *response,
@@ -185,38 +234,44 @@ int nacre_scan_write(struct nacre_scan_writer *writer, int x, int y, const float
         return nacre_fail(error, "%s: surface point (%d, %d) was written already", writer->path, x,
                           y);
     }
-    memcpy(writer->response, response, nacre_scan_response_size(info) * sizeof *response);
-    return write_response(writer, x, y, error);
+    return write_response(writer, x, y, response, error);
+}
+
+/* OpenEXR frees a pipeline through its context, so before that is closed. */
+static void finish_tiles(struct nacre_scan_writer *writer)
+{
+    for (int i = 0; i < BATCH; i++) {
+        struct tile *tile = &writer->tiles[i];
+        if (tile->ready) {
+            (void)exr_encoding_destroy(writer->stream.context, &tile->pipeline);
+        }
+        tile->ready = false;
+        free(tile->response);
+        tile->response = NULL;
+    }
 }
 
 int nacre_scan_commit(struct nacre_scan_writer *writer, struct nacre_error *error)
 {
     int status = NACRE_OK;
     const struct nacre_scan_info *info = &writer->info;
-    size_t size = nacre_scan_response_size(info);
     for (int y = 0; y < info->height; y++) {
-        for (int x = 0; x < info->width; x++) {
-            if (writer->written[(size_t)y * (size_t)info->width + (size_t)x]) {
-                continue;
-            }
-            for (size_t i = 0; i < size; i++) {
-                writer->response[i] = NAN;
-            }
-            status = write_response(writer, x, y, error);
-            if (status != NACRE_OK) {
-                goto out;
+        for (int x = 0; x < info->width && status == NACRE_OK; x++) {
+            if (!writer->written[(size_t)y * (size_t)info->width + (size_t)x]) {
+                status = write_response(writer, x, y, NULL, error);
             }
         }
     }
-    if (writer->encoding) {
-        (void)exr_encoding_destroy(writer->stream.context, &writer->pipeline);
-        writer->encoding = false;
+    if (status == NACRE_OK) {
+        status = flush(writer, error);
     }
-    status = exr_stream_close(&writer->stream, error);
+    if (status == NACRE_OK) {
+        finish_tiles(writer);
+        status = exr_stream_close(&writer->stream, error);
+    }
     if (status == NACRE_OK) {
         status = whole_file_commit(&writer->whole, error);
     }
-out:
     nacre_scan_discard(writer);
     return status;
 }
@@ -226,13 +281,10 @@ void nacre_scan_discard(struct nacre_scan_writer *writer)
     if (!writer) {
         return;
     }
-    if (writer->encoding) {
-        (void)exr_encoding_destroy(writer->stream.context, &writer->pipeline);
-    }
+    finish_tiles(writer);
     exr_stream_finish(&writer->stream);
     whole_file_discard(&writer->whole);
     free(writer->path);
-    free(writer->response);
     free(writer->written);
     free(writer);
 }
