@@ -1,5 +1,6 @@
 /* Writing material.exr. */
 #include "channel.h"
+#include "material_attributes.h"
 #include "material_check.h"
 #include "nacre/exr_file.h"
 
@@ -92,41 +93,6 @@ static int add_clusters(struct exr_file *file, const struct nacre_material *mate
     return status;
 }
 
-static int add_attributes(struct exr_part *part, const struct nacre_material *material)
-{
-    static const char *const layouts[] = {"single", "pair", "term"};
-    int status = exr_part_add_string(part, "nacre.format", "material 1");
-    status |= exr_part_add_float(part, "nacre.pitch", (float)material->pitch_mm);
-    status |= exr_part_add_int(part, "nacre.window", material->window);
-    status |= exr_part_add_int(part, "nacre.terms", material->terms);
-    if (material->layout != NACRE_KERNEL_PER_TERM) {
-        status |= exr_part_add_int(part, "nacre.clusters", material->clusters);
-    }
-    status |= exr_part_add_int(part, "nacre.iterations", material->iterations);
-    status |= exr_part_add_int(part, "nacre.seed", material->seed);
-    status |= exr_part_add_string(part, "nacre.kernels", layouts[material->layout]);
-    status |= exr_part_add_string(part, "nacre.method", material->method);
-    status |= exr_part_add_float(part, "nacre.epsilon", (float)material->epsilon);
-    status |= exr_part_add_float(part, "nacre.error.min", (float)material->error_min);
-    status |= exr_part_add_float(part, "nacre.error.mean", (float)material->error_mean);
-    status |= exr_part_add_float(part, "nacre.error.max", (float)material->error_max);
-    if (material->bits > 0) {
-        status |= exr_part_add_int(part, "nacre.bits", material->bits);
-    }
-    if (material->history_count > 0) {
-        status |= exr_part_add_floats(part, "nacre.history.objective", material->history_objective,
-                                      material->history_count);
-        status |= exr_part_add_floats(part, "nacre.history.seconds", material->history_seconds,
-                                      material->history_count);
-    }
-    if (material->warning_count > 0) {
-        status |=
-            exr_part_add_strings(part, "nacre.warnings", (const char *const *)material->warnings,
-                                 material->warning_count);
-    }
-    return status == NACRE_OK ? NACRE_OK : NACRE_FAILED;
-}
-
 static int check(const char *path, const struct nacre_material *material, struct nacre_error *error)
 {
     if (material_check_sizes(material, error) != NACRE_OK ||
@@ -150,7 +116,7 @@ int nacre_material_write(const char *path, const struct nacre_material *material
     }
     status = add_colours(&file, "albedo", material, NACRE_FLOAT, material->albedo);
     if (status == NACRE_OK) {
-        status = add_attributes(&file.parts[0], material);
+        status = material_add_attributes(&file.parts[0], material);
     }
     if (status == NACRE_OK) {
         status = add_factor(&file, "F", material, material->f);
