@@ -233,6 +233,15 @@ static bool reject(struct point_pair *pairs, size_t count, const struct homograp
     return changed;
 }
 
+static bool same_map(const struct homography *a, const struct homography *b)
+{
+    int same = 0;
+    for (int i = 0; i < 9; i++) {
+        same += a->m[i] == b->m[i] ? 1 : 0;
+    }
+    return same == 9;
+}
+
 static int fit_all(const struct dots_view *views, size_t count, double spacing,
                    struct point_pair *pairs, double *scratch, struct homography *map,
                    struct align_report *report, struct nacre_error *error)
@@ -256,7 +265,7 @@ static int fit_all(const struct dots_view *views, size_t count, double spacing,
         if (status == NACRE_OK) {
             status = homography_refine(pairs, matched, map, error);
         }
-        changed = round < 2 || memcmp(&before, map, sizeof before) != 0;
+        changed = round < 2 || !same_map(&before, map);
     }
     report->matched = 0;
     report->rejected = 0;

@@ -180,13 +180,18 @@ struct sums {
     double *x;       /* by point: light / white */
 };
 
+static void sums_finish(struct sums *sums)
+{
+    free(sums->weight);
+    free(sums->light);
+    *sums = (struct sums){0};
+}
+
 static int sums_init(struct sums *sums, const struct resampler *r, struct nacre_error *error)
 {
     *sums = (struct sums){.weight = malloc(r->pixels * sizeof *sums->weight),
                           .light = malloc(4 * r->points * sizeof *sums->light)};
     if (!sums->weight || !sums->light) {
-        free(sums->weight);
-        free(sums->light);
         return nacre_fail_memory(error, "a frame's surface points");
     }
     sums->white = sums->light + r->points;
@@ -225,7 +230,7 @@ int resampler_apply(const struct resampler *resampler, const float *radiance, fl
     struct sums sums = {0};
     int status = sums_init(&sums, r, error);
     if (status != NACRE_OK) {
-        return status;
+        goto out;
     }
     if (r->demosaic == DEMOSAIC_MALVAR) {
         planes = malloc(3 * r->pixels * sizeof *planes);
@@ -245,8 +250,8 @@ int resampler_apply(const struct resampler *resampler, const float *radiance, fl
             out[p] = enough ? (float)(colour->reflectance * sums.x[p]) : NAN;
         }
     }
+out:
     free(planes);
-    free(sums.weight);
-    free(sums.light);
+    sums_finish(&sums);
     return status;
 }

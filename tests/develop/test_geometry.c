@@ -63,8 +63,8 @@ static float *picture(const uint8_t *levels, double deviation)
 {
     float *radiosity =
         malloc(3 * (size_t)station.width * (size_t)station.height * sizeof *radiosity);
-    double *signal = malloc(pixel_count() * sizeof *signal);
-    float *seen = malloc(pixel_count() * sizeof *seen);
+    double *signal = calloc(pixel_count() + 1, sizeof *signal);
+    float *seen = calloc(pixel_count() + 1, sizeof *seen);
     made_light(&station, levels, true, radiosity);
     made_signal(&station, radiosity, signal);
     for (size_t i = 0; i < pixel_count(); i++) {

@@ -126,7 +126,8 @@ static double reference(int pixel)
 
 static void merge_agrees_with_double_reference(void)
 {
-    for (double light = 1; light < light_at(0, 0.95); light *= 1.7) {
+    for (int step = 0; pow(1.7, step) < light_at(0, 0.95); step++) {
+        double light = pow(1.7, step);
         expose(light);
         (void)hdr_merge(&frames, &noise, radiance, variance);
         size_t off = 0;
