@@ -192,7 +192,8 @@ static int sums_init(struct sums *sums, const struct resampler *r, struct nacre_
     *sums = (struct sums){.weight = malloc(r->pixels * sizeof *sums->weight),
                           .light = malloc(4 * r->points * sizeof *sums->light)};
     if (!sums->weight || !sums->light) {
-        return nacre_fail_memory(error, "a frame's surface points");
+        (void)nacre_fail_memory(error, "a frame's surface points");
+        return NACRE_FAILED;
     }
     sums->white = sums->light + r->points;
     sums->covered = sums->white + r->points;
