@@ -10,10 +10,11 @@
 
 struct factor_settings {
     const char *output;
-    int terms, clusters, iterations, kernel, store, seed;
-    double epsilon, regularise;
+    int method, terms, clusters, iterations, kernel, store, seed;
+    double tolerance, epsilon, regularise;
 };
 
+static const char *const method_words[] = {"hals", "mu", NULL};           /* enum factor_method */
 static const char *const kernel_words[] = {"average", "max", NULL};       /* enum kernels_kind */
 static const char *const store_words[] = {"auto", "float", "half", NULL}; /* enum factor_store */
 
@@ -25,6 +26,14 @@ static const struct option_spec factor_options[] = {
      .required = true,
      .offset = offsetof(struct factor_settings, output),
      .sentence = "the material to write"},
+    {.name = "method",
+     .kind = OPTION_CHOICE,
+     .words = method_words,
+     .fallback = "hals",
+     .offset = offsetof(struct factor_settings, method),
+     .sentence =
+         "how F and H are found: by extrapolated block coordinate descent, or by the paper's "
+         "multiplicative updates, which take many times longer"},
     {.name = "terms",
      .letter = 't',
      .kind = OPTION_INT,
@@ -51,7 +60,17 @@ static const struct option_spec factor_options[] = {
      .maximum = 10000000,
      .fallback = "200",
      .offset = offsetof(struct factor_settings, iterations),
-     .sentence = "updates of F and H; the error falls fastest in the first 50"},
+     .sentence = "updates of F and H at most"},
+    {.name = "tolerance",
+     .kind = OPTION_REAL,
+     .argument = "E",
+     .minimum = 0,
+     .maximum = 1,
+     .fallback = "0.003",
+     .offset = offsetof(struct factor_settings, tolerance),
+     .sentence =
+         "stop when an iteration, on average over five, lowers the objective by less than this "
+         "share; 0: go on to the last"},
     {.name = "kernel",
      .kind = OPTION_CHOICE,
      .words = kernel_words,
@@ -73,7 +92,8 @@ static const struct option_spec factor_options[] = {
      .maximum = 0.1,
      .fallback = "0",
      .offset = offsetof(struct factor_settings, regularise),
-     .sentence = "sparser factors: each update is raised to the power 1 + A (try 0.001)"},
+     .sentence =
+         "with --method mu, sparser factors: each update is raised to the power 1 + A (try 0.001)"},
     {.name = "store",
      .kind = OPTION_CHOICE,
      .words = store_words,
@@ -145,10 +165,12 @@ static int print_result(const struct nacre_material *m, const struct factor_summ
 
 static struct factor_options to_options(const struct factor_settings *s)
 {
-    return (struct factor_options){.terms = s->terms,
+    return (struct factor_options){.method = (enum factor_method)s->method,
+                                   .terms = s->terms,
                                    .clusters = s->clusters,
                                    .iterations = s->iterations,
                                    .kernel = (enum kernels_kind)s->kernel,
+                                   .tolerance = s->tolerance,
                                    .epsilon = s->epsilon,
                                    .store = (enum factor_store)s->store,
                                    .seed = s->seed,

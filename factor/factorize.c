@@ -4,7 +4,9 @@
 #include "factor/assemble.h"
 #include "factor/falloff.h"
 #include "factor/fill.h"
+#include "factor/hals.h"
 #include "factor/kmeans.h"
+#include "factor/layout.h"
 #include "factor/random.h"
 #include "factor/update.h"
 
@@ -23,6 +25,7 @@ struct factor_options factor_options_default(void)
     return (struct factor_options){.terms = 12,
                                    .clusters = 5,
                                    .iterations = 200,
+                                   .tolerance = 3e-3,
                                    .kernel = KERNELS_AVERAGE,
                                    .epsilon = 1e-5,
                                    .store = FACTOR_STORE_AUTO};
@@ -106,7 +109,9 @@ static int prepare(struct run *run, const struct opencl *opencl, struct nacre_er
                                         .terms = o->terms,
                                         .seed = random_bits((uint64_t)o->seed, STREAM_FACTORS),
                                         .regularise = o->regularise};
-        status = update_new(opencl, &run->problem, NULL, &run->method, error);
+        status = o->method == FACTOR_METHOD_MU
+                     ? update_new(opencl, &run->problem, NULL, &run->method, error)
+                     : hals_new(opencl, &run->problem, NULL, &run->method, error);
     }
     return status;
 }
@@ -126,6 +131,15 @@ static int advance(struct run *run, bool step, double *objective, struct nacre_e
     return status;
 }
 
+/* Whether the last PATIENCE iterations brought little. */
+static bool has_settled(const struct nacre_material *m, double tolerance, double objective)
+{
+    enum { PATIENCE = 5 };
+    int known = m->iterations - 1; /* objectives in the history */
+    return tolerance > 0 && known >= PATIENCE &&
+           objective > (1 - PATIENCE * tolerance) * m->history_objective[known - PATIENCE];
+}
+
 /* Iterate, keeping the history. NACRE_CANCELLED leaves the factors as they are. */
 static int iterate(struct run *run, struct nacre_material *m, struct factor_summary *summary,
                    struct nacre_error *error)
@@ -134,7 +148,8 @@ static int iterate(struct run *run, struct nacre_material *m, struct factor_summ
     double started = seconds_now(), objective = 0;
     char detail[48] = "";
     m->iterations = 0;
-    while (m->iterations < iterations && status == NACRE_OK) {
+    bool settled = false;
+    while (m->iterations < iterations && status == NACRE_OK && !settled) {
         stopped =
             progress_step(run->progress, m->iterations, iterations, *detail ? detail : NULL, error);
         if (stopped != NACRE_OK) {
@@ -145,6 +160,7 @@ static int iterate(struct run *run, struct nacre_material *m, struct factor_summ
             m->history_objective[m->iterations - 1] = (float)objective;
             m->history_seconds[m->iterations - 1] = (float)(seconds_now() - started);
         }
+        settled = has_settled(m, run->options->tolerance, objective);
         (void)snprintf(detail, sizeof detail, "objective %.4g", objective);
         m->iterations++;
     }
@@ -257,6 +273,10 @@ static int check(const struct responses *r, const struct factor_options *o,
     if (o->terms < 1 || o->clusters < 1 || o->iterations < 1) {
         return nacre_fail(error, "terms, clusters and iterations must be at least 1 each");
     }
+    if (o->regularise > 0 && o->method != FACTOR_METHOD_MU) {
+        return nacre_fail(error, "--regularise belongs to the multiplicative updates: add "
+                                 "--method mu");
+    }
     if (r->measured_count == 0) {
         return nacre_fail(error, "no surface point was measured; there is nothing to factor");
     }
@@ -321,7 +341,7 @@ int factorize(const struct nacre_scan *scan, const struct factor_options *option
     double started = seconds_now(), reading = 0;
     *material = (struct nacre_material){0};
     *summary = (struct factor_summary){0};
-    int status = responses_load(&responses, scan, update_lanes(opencl), progress, error);
+    int status = responses_load(&responses, scan, layout_lanes(opencl), progress, error);
     if (status != NACRE_OK) {
         return status;
     }

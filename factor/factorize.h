@@ -15,16 +15,25 @@ enum factor_store {
     FACTOR_STORE_HALF,
 };
 
+/* How the factors are found. */
+enum factor_method {
+    FACTOR_METHOD_HALS, /* factor/hals.h */
+    FACTOR_METHOD_MU,   /* the paper's: factor/update.h */
+};
+
 struct factor_options {
+    enum factor_method method;
     int terms, clusters, iterations;
     enum kernels_kind kernel;
+    double
+        tolerance; /* stop when five iterations lower the objective by less than five times this share; 0: never */
     double epsilon; /* relative to each kernel's maximum */
     enum factor_store store;
     int seed;
     double regularise; /* 0: not; see docs/factorization.md */
 };
 
-/* 12 terms, 5 clusters, 200 iterations, average kernels, epsilon 1e-5. */
+/* hals, 12 terms, 5 clusters, 200 iterations or tolerance 3e-3, average kernels, epsilon 1e-5. */
 struct factor_options factor_options_default(void);
 
 /* What there is to tell beside the material. */
@@ -44,7 +53,7 @@ int factorize(const struct nacre_scan *scan, const struct factor_options *option
               struct nacre_material *material, struct factor_summary *summary,
               struct nacre_error *error);
 
-/* The same for responses that are loaded already, with update_lanes of the device. */
+/* The same for responses that are loaded already, with layout_lanes of the device. */
 int factorize_responses(const struct responses *responses, double pitch_mm,
                         const struct factor_options *options, const struct opencl *opencl,
                         struct progress *progress, struct nacre_material *material,

@@ -8,18 +8,10 @@
  *     phase 1:  (FH)(dx) for STEPS columns x ROWS rows at a time in registers; V = (FH) g and R go to a small buffer
  *     phase 2:  for GROUP terms at a time: numerator += R * other(x + dx), denominator += V * other(x + dx)
  *
- * Both updates read the same copy of R, whose layout responses.h draws. Updating F, lanes are points x_i and R is read
- * aligned. Updating H, lanes are points x_o, entry dx was lit at x_o - dx, and a vector of R is blended of two:
- *
- *     block q   at dx: |. . . a b c d e|    x_i = first ... first + LANES-1 straddles two blocks,
- *     block q+1 at dx: |f g h . . . . .|    a b c d e f g h is what the lanes need
- *
- * Factors are planes [y][term][stride] with zeros around each row, so that x needs no tests; rows end with ROWS more of
- * zeros. The number of planes is `terms` rounded up to GROUP. */
+ * layout.cl tells how all of them lie. The number of planes is `terms` rounded up to GROUP. */
 
-#ifndef LANES
-#define LANES 8 /* points side by side in a vector */
-#endif
+#include "layout.cl"
+
 #ifndef ROWS
 #define ROWS 2 /* rows of points that share the loads of the other factor */
 #endif
@@ -40,82 +32,18 @@
 #define PREFETCH 0
 #endif
 #endif
-#ifndef CLUSTERED
-#define CLUSTERED 0 /* more than one kernel */
-#endif
-#ifndef MASKED
-#define MASKED 0 /* some entries were not measured */
-#endif
 #ifndef NEGATIVE
 #define NEGATIVE 0 /* some responses are below zero */
 #endif
 
-#define JOIN_(a, b) a##b
-#define JOIN(a, b)  JOIN_(a, b)
-#define VEC         JOIN(float, LANES)
-#define IVEC        JOIN(int, LANES)
-#define VLOAD       JOIN(vload, LANES)
-#define INLINE      static inline __attribute__((always_inline))
-#define UNROLL      _Pragma("unroll")
-
-#if LANES == 4
-#define LOG_LANES    2
-#define LANE_NUMBERS (int4)(0, 1, 2, 3)
-#define LANE_BITS    (int4)(1, 2, 4, 8)
-#elif LANES == 8
-#define LOG_LANES    3
-#define LANE_NUMBERS (int8)(0, 1, 2, 3, 4, 5, 6, 7)
-#define LANE_BITS    (int8)(1, 2, 4, 8, 16, 32, 64, 128)
-#else
-#define LOG_LANES    4
-#define LANE_NUMBERS (int16)(0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15)
-#define LANE_BITS                                                                                  \
-    (int16)(1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768)
-#endif
-
-/* As struct sizes in update.c. */
-struct sizes {
-    int width, height, window, terms, planes;
-    int blocks;     /* of LANES points in a row */
-    int stride;     /* floats of one row of one plane of a factor */
-    int pad;        /* zeros before each row */
-    int row;        /* floats of a row (y, dy) of responses */
-    int lead;       /* floats before the first */
+/* As struct rule in update.c. */
+struct rule {
     int scratch;    /* floats of scratch of one work-item */
     float guard;    /* added to denominators */
     float floor;    /* smallest factor value inside the sample */
     float exponent; /* of the regularised update: 1 is none */
     float unit;     /* of factor values, for the exponent */
 };
-
-/* Entry `e` (= dx + half) of LANES responses of a row: of those lit at block's own points, or (outgoing) of those lit at
- * points that lie at distance dx before block's points. */
-INLINE VEC load_entry(global const float *row, int window, int block, int e, int outgoing)
-{
-    if (!outgoing) {
-        return *(global const VEC *)(row + (block * window + e) * LANES);
-    }
-    int first = block * LANES + window / 2 - e;
-    int from = first >> LOG_LANES, shift = first & (LANES - 1);
-    global const float *near = row + (from * window + e) * LANES + shift;
-    VEC low = VLOAD(0, near), high = VLOAD(0, near + window * LANES - LANES);
-    return select(high, low, (IVEC)(LANES - shift) > LANE_NUMBERS);
-}
-
-/* Which of those were measured: lanes of -1 or 0. */
-INLINE IVEC load_mask(global const ushort *row, int window, int block, int e, int outgoing)
-{
-    int bits;
-    if (!outgoing) {
-        bits = row[block * window + e];
-    } else {
-        int first = block * LANES + window / 2 - e;
-        int from = first >> LOG_LANES, shift = first & (LANES - 1);
-        global const ushort *near = row + from * window + e;
-        bits = (near[0] >> shift) | (near[window] << (LANES - shift));
-    }
-    return ((IVEC)(bits)&LANE_BITS) != 0;
-}
 
 /* Spread the row dy of each point's kernel into the layout of a row of responses. */
 INLINE void spread_kernels(global float *strip, global const float *kernels,
@@ -311,7 +239,8 @@ INLINE float add_lanes(VEC total)
 }
 
 /* Multiply the item's rows by numerator / denominator. */
-INLINE void apply(global float *own, global const float *sums, int first, const struct sizes s)
+INLINE void apply(global float *own, global const float *sums, int first, const struct rule rule,
+                  const struct sizes s)
 {
     for (int r = 0; r < ROWS && first + r < s.height; r++) {
         for (int b = 0; b < s.blocks; b++) {
@@ -321,11 +250,11 @@ INLINE void apply(global float *own, global const float *sums, int first, const 
                                                    s.pad + b * LANES);
                 global const VEC *pair =
                     (global const VEC *)sums + ((b * s.planes + t) * ROWS + r) * 2;
-                VEC next = *value * pair[0] / (pair[1] + s.guard);
-                if (s.exponent != 1) {
-                    next = s.unit * pow(next / s.unit, (VEC)(s.exponent));
+                VEC next = *value * pair[0] / (pair[1] + rule.guard);
+                if (rule.exponent != 1) {
+                    next = rule.unit * pow(next / rule.unit, (VEC)(rule.exponent));
                 }
-                *value = select((VEC)(0), fmax(next, (VEC)(s.floor)), inside);
+                *value = select((VEC)(0), fmax(next, (VEC)(rule.floor)), inside);
             }
         }
     }
@@ -337,12 +266,12 @@ INLINE void update(global const float *responses, global const ushort *mask,
                    global const int *labels, global const float *kernels,
                    global const float *inverses, global float *own, global const float *other,
                    global float *scratch, global float *objectives, const struct sizes s,
-                   int outgoing, int change, int objective)
+                   const struct rule rule, int outgoing, int change, int objective)
 {
     const int item = get_global_id(0), first = item * ROWS, half_window = s.window / 2;
     const int stop = min(s.height - 1, first + ROWS - 1 + half_window);
     const size_t zeros = (size_t)s.lead + (size_t)s.height * s.window * s.row + s.lead;
-    global float *sums = scratch + (size_t)item * s.scratch;
+    global float *sums = scratch + (size_t)item * rule.scratch;
     global float *strips = sums + s.blocks * s.planes * ROWS * 2 * LANES; /* where CLUSTERED */
     int step = 0;
     for (int i = 0; change && i < s.blocks * s.planes * ROWS * 2 * LANES; i++) {
@@ -367,7 +296,7 @@ INLINE void update(global const float *responses, global const ushort *mask,
                 rows.g[r] = kernels + (used ? v : s.window) * s.window;
             }
             if (CLUSTERED && used) {
-                spread_kernels(strip, kernels, labels + lit_y * s.blocks * LANES, v, s);
+                spread_kernels(strip, kernels, labels + lit_y * s.label_stride + s.pad, v, s);
             }
             rows.inverse[r] = inverses + (used ? v : s.window) * s.window;
         }
@@ -380,35 +309,40 @@ INLINE void update(global const float *responses, global const ushort *mask,
         objectives[item * (s.window + ROWS - 1) + step] = 0;
     }
     if (change) {
-        apply(own, sums, first, s);
+        apply(own, sums, first, rule, s);
     }
 }
 
 #define ARGUMENTS                                                                                  \
     global const float *responses, global const ushort *mask, global const int *labels,            \
         global const float *kernels, global const float *inverses, global float *own,              \
-        global float *other, global float *scratch, global float *objectives, const struct sizes s
+        global float *other, global float *scratch, global float *objectives,                      \
+        const struct sizes s, const struct rule rule
 
 /* The objective of F (own) and H as they are. */
 kernel void measure(ARGUMENTS)
 {
-    update(responses, mask, labels, kernels, inverses, own, other, scratch, objectives, s, 0, 0, 1);
+    update(responses, mask, labels, kernels, inverses, own, other, scratch, objectives, s, rule, 0,
+           0, 1);
 }
 
 /* The same, and the update of F (own). */
 kernel void update_f_measured(ARGUMENTS)
 {
-    update(responses, mask, labels, kernels, inverses, own, other, scratch, objectives, s, 0, 1, 1);
+    update(responses, mask, labels, kernels, inverses, own, other, scratch, objectives, s, rule, 0,
+           1, 1);
 }
 
 /* The update of F (own). */
 kernel void update_f(ARGUMENTS)
 {
-    update(responses, mask, labels, kernels, inverses, own, other, scratch, objectives, s, 0, 1, 0);
+    update(responses, mask, labels, kernels, inverses, own, other, scratch, objectives, s, rule, 0,
+           1, 0);
 }
 
 /* The update of H (own); other is F. */
 kernel void update_h(ARGUMENTS)
 {
-    update(responses, mask, labels, kernels, inverses, own, other, scratch, objectives, s, 1, 1, 0);
+    update(responses, mask, labels, kernels, inverses, own, other, scratch, objectives, s, rule, 1,
+           1, 0);
 }

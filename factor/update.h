@@ -13,9 +13,6 @@ struct update_tile {
     int rows, steps, group;
 };
 
-/* How many points side by side suit a device: the `lanes` to load responses with. */
-int update_lanes(const struct opencl *opencl);
-
 /* The tile that suits so many lanes and terms. */
 struct update_tile update_tile_choose(int lanes, int terms);
 

@@ -223,6 +223,17 @@ static int read_override(const char *name, char **text, struct nacre_error *erro
     return *text ? NACRE_OK : nacre_fail_errno(error, number, "NACRE_CL_DIR: cannot read %s", path);
 }
 
+/* The options with NACRE_CL_DIR as a folder for includes, on the heap. */
+static char *options_with_folder(const char *options)
+{
+    const char *folder = getenv("NACRE_CL_DIR");
+    char *all = NULL;
+    if (asprintf(&all, "%s -I \"%s\"", options ? options : "", folder) < 0) {
+        return NULL;
+    }
+    return all;
+}
+
 static int report_build_failure(const struct opencl *opencl, const char *name, cl_program program,
                                 cl_int status, struct nacre_error *error)
 {
@@ -242,18 +253,26 @@ static int report_build_failure(const struct opencl *opencl, const char *name, c
 int opencl_build(const struct opencl *opencl, const struct opencl_source *source,
                  const char *options, cl_program *program, struct nacre_error *error)
 {
-    char *replaced = NULL;
+    char *replaced = NULL, *extended = NULL;
     cl_int status = CL_SUCCESS;
+    int result = NACRE_FAILED;
     *program = NULL;
     if (read_override(source->name, &replaced, error) != NACRE_OK) {
         return NACRE_FAILED;
+    }
+    if (replaced) {
+        options = extended = options_with_folder(options);
+        if (!extended) {
+            result = nacre_fail_memory(error, source->name);
+            goto out;
+        }
     }
     /* OpenCL 1.2's prototype lacks a const that every implementation honours. */
     *program = replaced ? clCreateProgramWithSource(opencl->context, 1, (const char **)&replaced,
                                                     NULL, &status)
                         : clCreateProgramWithSource(opencl->context, (cl_uint)source->line_count,
                                                     (const char **)source->lines, NULL, &status);
-    int result = opencl_check(opencl, status, source->name, error);
+    result = opencl_check(opencl, status, source->name, error);
     if (result == NACRE_OK) {
         status = clBuildProgram(*program, 1, &opencl->device, options, NULL, NULL);
         if (status != CL_SUCCESS) {
@@ -264,6 +283,8 @@ int opencl_build(const struct opencl *opencl, const struct opencl_source *source
         (void)clReleaseProgram(*program);
         *program = NULL;
     }
+out:
+    free(extended);
     free(replaced);
     return result;
 }

@@ -1,6 +1,7 @@
 /* Seconds per iteration of the multiplicative updates, against OpenBLAS sgemm and a plain OpenMP program in one run. */
 #include "peer.h"
 
+#include "factor/layout.h"
 #include "factor/random.h"
 #include "factor/update.h"
 
@@ -215,7 +216,7 @@ static void run(const struct shape *s, const struct opencl *opencl, const struct
     struct responses responses;
     struct method *method = NULL;
     double peer = s->clusters == 1 && !tile ? time_peer(s, values, kernel) : 0;
-    load(&responses, s, values, update_lanes(opencl));
+    load(&responses, s, values, layout_lanes(opencl));
     free(values);
     for (size_t k = 0; k < (size_t)s->clusters; k++) {
         memcpy(kernels + k * area, kernel, area * sizeof *kernel);

@@ -54,8 +54,8 @@ static void a_stopped_factorization_leaves_a_whole_material(void)
     size_t size = 0;
     made_scan_write(scan);
     text_write(output, "precious");
-    struct spawned stopped =
-        RUN(&soon, "factor", scan, "-o", output, "--terms", "2", "--iterations", "1000000");
+    struct spawned stopped = RUN(&soon, "factor", scan, "-o", output, "--terms", "2", "--tolerance",
+                                 "0", "--iterations", "1000000");
     char *left = (char *)file_read(output, &size);
     TEST_ASSERT_EQUAL_INT_MESSAGE(STOPPED, stopped.status, stopped.errors);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(stopped.errors, "stopped"), stopped.errors);

@@ -87,6 +87,57 @@ void reference_update(struct reference *reference, bool of_h)
     free(sums.denominator);
 }
 
+struct equations {
+    bool of_h;
+    double *matrix,
+        *right; /* of each point: [height][width][terms][terms] and [height][width][terms] */
+};
+
+static void add_equations(const struct reference *r, int x, int y, int dx, int dy, void *data)
+{
+    const struct equations *equations = data;
+    size_t terms = (size_t)r->terms, plane = (size_t)r->height * (size_t)r->width;
+    size_t in = (size_t)y * (size_t)r->width + (size_t)x;
+    size_t out = (size_t)(y + dy) * (size_t)r->width + (size_t)(x + dx);
+    size_t own = equations->of_h ? out : in, other = equations->of_h ? in : out;
+    const double *factor = equations->of_h ? r->f : r->h;
+    double g = kernel_at(r, x, y, dx, dy), response = response_at(r, x, y, dx, dy);
+    for (size_t t = 0; t < terms; t++) {
+        double left = factor[t * plane + other];
+        equations->right[own * terms + t] += response * left;
+        for (size_t u = 0; u < terms; u++) {
+            equations->matrix[(own * terms + t) * terms + u] +=
+                g * left * factor[u * plane + other];
+        }
+    }
+}
+
+void reference_descend(struct reference *reference, bool of_h, int sweeps)
+{
+    size_t terms = (size_t)reference->terms;
+    size_t plane = (size_t)reference->height * (size_t)reference->width;
+    double *own = of_h ? reference->h : reference->f;
+    struct equations equations = {.of_h = of_h,
+                                  .matrix = calloc(plane * terms * terms, sizeof(double)),
+                                  .right = calloc(plane * terms, sizeof(double))};
+    for_pairs(reference, add_equations, &equations);
+    for (size_t i = 0; i < plane; i++) {
+        const double *matrix = equations.matrix + i * terms * terms;
+        for (size_t step = 0; step < (size_t)sweeps * terms; step++) {
+            size_t t = step % terms;
+            double rest = equations.right[i * terms + t];
+            for (size_t u = 0; u < terms; u++) {
+                rest -= u == t ? 0 : matrix[t * terms + u] * own[u * plane + i];
+            }
+            if (matrix[t * terms + t] > 0) {
+                own[t * plane + i] = fmax(0, rest / matrix[t * terms + t]);
+            }
+        }
+    }
+    free(equations.matrix);
+    free(equations.right);
+}
+
 static void add_objective(const struct reference *r, int x, int y, int dx, int dy, void *data)
 {
     double difference = response_at(r, x, y, dx, dy) - reference_model(r, x, y, dx, dy);

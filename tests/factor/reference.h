@@ -18,6 +18,9 @@ struct reference {
  * to the denominator. */
 void reference_update(struct reference *reference, bool of_h);
 
+/* Set F (or H) of each point by `sweeps` passes of coordinate descent on its normal equations, the same weights. */
+void reference_descend(struct reference *reference, bool of_h, int sweeps);
+
 /* Half the weighted squared error. */
 double reference_objective(const struct reference *reference);
 

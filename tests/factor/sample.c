@@ -95,3 +95,19 @@ struct responses sample_load(const struct sample *s, int lanes)
     responses_scale(&responses);
     return responses;
 }
+
+void sample_punch_holes(struct sample *sample)
+{
+    size_t area = (size_t)sample->window * (size_t)sample->window;
+    size_t size = area * (size_t)sample->channels;
+    for (int y = 0; y < sample->height; y++) {
+        for (int x = 0; x < sample->width; x++) {
+            float *response = sample_at(sample, x, y);
+            for (size_t i = 0; i < size; i++) {
+                bool hole = random_uniform(9, i + size * (size_t)(y * 1000 + x)) < 0.1;
+                bool lost = (x == 3 && y == 2) || y == 6 || (x == 8 && y == 4 && i < area);
+                response[i] = hole || lost ? (float)NAN : response[i];
+            }
+        }
+    }
+}

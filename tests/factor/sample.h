@@ -20,6 +20,9 @@ float *sample_at(const struct sample *sample, int x, int y);
 /* Multiply everything by `factor`. */
 void sample_scale(struct sample *sample, float factor);
 
+/* Make holes of NaN: single entries, whole responses, a row of points, one channel of a point. */
+void sample_punch_holes(struct sample *sample);
+
 /* Load and scale it. Ends the test where that fails. */
 struct responses sample_load(const struct sample *sample, int lanes);
 

@@ -1,7 +1,7 @@
 /* The update kernels against the double-precision reference, and what they promise of any run. */
-#include "reference.h"
-#include "sample.h"
+#include "bench.h"
 
+#include "factor/layout.h"
 #include "factor/random.h"
 #include "factor/update.h"
 
@@ -20,120 +20,14 @@ void tearDown(void)
 {
 }
 
-static void succeed(int status, const struct nacre_error *error)
-{
-    TEST_ASSERT_EQUAL_MESSAGE(NACRE_OK, status, error->text);
-}
-
-/* A problem whose clusters are columns of points and whose kernels differ in width. */
-struct bench {
-    struct responses responses;
-    struct problem problem;
-    uint32_t *ids;
-    float *kernels;
-    struct method *method;
-    size_t count; /* floats of one factor */
-    float *f, *h;
-};
-
-static struct bench bench_new(const struct sample *sample, int terms, int clusters, int lanes)
-{
-    struct bench b = {.responses = sample_load(sample, lanes)};
-    int half = sample->window / 2, area = sample->window * sample->window;
-    size_t points = (size_t)sample->width * (size_t)sample->height;
-    b.ids = malloc(points * sizeof *b.ids);
-    b.kernels = malloc((size_t)(clusters * sample->channels * area) * sizeof *b.kernels);
-    for (size_t i = 0; i < points; i++) {
-        b.ids[i] = (uint32_t)(i * 7 / 3 % (size_t)clusters);
-    }
-    for (int k = 0; k < clusters; k++) {
-        for (int c = 0; c < sample->channels; c++) {
-            for (int i = 0; i < area; i++) {
-                int dx = i % sample->window - half, dy = i / sample->window - half;
-                double r = hypot(dx, dy);
-                b.kernels[(k * sample->channels + c) * area + i] =
-                    (float)(exp(-r / (0.5 + 0.3 * k + 0.1 * c)) + 1e-5);
-            }
-        }
-    }
-    b.problem = (struct problem){
-        .ids = b.ids, .kernels = b.kernels, .clusters = clusters, .terms = terms, .seed = 3};
-    b.count = points * (size_t)terms;
-    b.f = malloc(b.count * sizeof *b.f);
-    b.h = malloc(b.count * sizeof *b.h);
-    return b;
-}
-
 static void bench_start(struct bench *b, const struct update_tile *tile)
 {
     struct nacre_error error = {0};
     b->problem.responses = &b->responses;
-    succeed(update_new(&opencl, &b->problem, tile, &b->method, &error), &error);
+    bench_succeed(update_new(&opencl, &b->problem, tile, &b->method, &error), &error);
     if (!b->method) {
         abort(); /* cannot be, which analysers do not know */
     }
-}
-
-static void bench_finish(struct bench *b)
-{
-    method_free(b->method);
-    responses_finish(&b->responses);
-    free(b->ids);
-    free(b->kernels);
-    free(b->f);
-    free(b->h);
-}
-
-static void bench_read(struct bench *b, int channel)
-{
-    struct nacre_error error = {0};
-    succeed(b->method->ops->read(b->method, channel, b->f, b->h, &error), &error);
-}
-
-/* The same problem in double, of one channel, with the factors read last. finish_reference frees it. */
-static struct reference make_reference(const struct bench *b, int channel)
-{
-    const struct responses *r = &b->responses;
-    size_t area = (size_t)r->window * (size_t)r->window;
-    size_t points = (size_t)r->width * (size_t)r->height;
-    double *responses = malloc(points * area * sizeof *responses);
-    double *kernels = malloc((size_t)b->problem.clusters * area * sizeof *kernels);
-    float *window = malloc(area * sizeof *window);
-    struct reference reference = {.width = r->width,
-                                  .height = r->height,
-                                  .window = r->window,
-                                  .terms = b->problem.terms,
-                                  .responses = responses,
-                                  .ids = b->ids,
-                                  .kernels = kernels,
-                                  .f = malloc(b->count * sizeof(double)),
-                                  .h = malloc(b->count * sizeof(double))};
-    for (size_t i = 0; i < points; i++) {
-        responses_get(r, channel, (int)(i % (size_t)r->width), (int)(i / (size_t)r->width), window);
-        for (size_t j = 0; j < area; j++) {
-            responses[i * area + j] = window[j];
-        }
-    }
-    for (size_t k = 0; k < (size_t)b->problem.clusters; k++) {
-        for (size_t j = 0; j < area; j++) {
-            kernels[k * area + j] =
-                b->kernels[(k * (size_t)r->channels + (size_t)channel) * area + j];
-        }
-    }
-    for (size_t i = 0; i < b->count; i++) {
-        reference.f[i] = b->f[i];
-        reference.h[i] = b->h[i];
-    }
-    free(window);
-    return reference;
-}
-
-static void finish_reference(struct reference *reference)
-{
-    free(reference->responses);
-    free(reference->kernels);
-    free(reference->f);
-    free(reference->h);
 }
 
 /* Every entry within 1e-4 of itself, the requirement; entries of 0 in double may be anything up to the floor. */
@@ -158,9 +52,9 @@ static void compare_one_iteration(struct bench *b, const struct update_tile *til
     for (int c = 0; c < b->responses.channels; c++) {
         double objective = 0, measured = 0;
         bench_read(b, c);
-        struct reference reference = make_reference(b, c);
+        struct reference reference = bench_reference(b, c);
         double expected = reference_objective(&reference), start = expected;
-        succeed(b->method->ops->step(b->method, c, &objective, &error), &error);
+        bench_succeed(b->method->ops->step(b->method, c, &objective, &error), &error);
         /* Float sums of some hundred numbers each, added in double: 1e-5 leaves room for their roundings. */
         TEST_ASSERT_DOUBLE_WITHIN(1e-5 * expected, expected, objective);
         reference_update(&reference, false);
@@ -169,11 +63,11 @@ static void compare_one_iteration(struct bench *b, const struct update_tile *til
         assert_close(reference.f, b->f, b->count, "F");
         assert_close(reference.h, b->h, b->count, "H");
         expected = reference_objective(&reference);
-        succeed(b->method->ops->measure(b->method, c, &measured, &error), &error);
+        bench_succeed(b->method->ops->measure(b->method, c, &measured, &error), &error);
         /* Now F and H differ by roundings between the two, too; where the fit is exact that alone is left of it, 1e-6 of
          * the values squared. */
         TEST_ASSERT_DOUBLE_WITHIN(1e-4 * expected + 1e-12 * start, expected, measured);
-        finish_reference(&reference);
+        bench_reference_finish(&reference);
     }
 }
 
@@ -200,7 +94,7 @@ static void one_iteration_agrees_with_double_precision(void)
         {8, 3, 135, 2, 1, 1},
     };
     for (size_t i = 0; i < sizeof shapes / sizeof *shapes; i++) {
-        compare_shape(shapes[i], update_lanes(&opencl));
+        compare_shape(shapes[i], layout_lanes(&opencl));
     }
 }
 
@@ -209,27 +103,10 @@ static void every_tile_gives_the_same_result(void)
     static const struct update_tile tiles[] = {{1, 1, 1}, {3, 3, 5}};
     for (size_t i = 0; i < sizeof tiles / sizeof *tiles; i++) {
         struct sample sample = sample_new(21, 11, 1, 7, 5);
-        struct bench b = bench_new(&sample, 5, i == 0 ? 1 : 2, update_lanes(&opencl));
+        struct bench b = bench_new(&sample, 5, i == 0 ? 1 : 2, layout_lanes(&opencl));
         compare_one_iteration(&b, &tiles[i]);
         bench_finish(&b);
         sample_finish(&sample);
-    }
-}
-
-/* Punch holes into a sample: single entries, whole responses, a row of points, one channel of a point. */
-static void punch_holes(struct sample *sample)
-{
-    size_t area = (size_t)sample->window * (size_t)sample->window;
-    size_t size = area * (size_t)sample->channels;
-    for (int y = 0; y < sample->height; y++) {
-        for (int x = 0; x < sample->width; x++) {
-            float *response = sample_at(sample, x, y);
-            for (size_t i = 0; i < size; i++) {
-                bool hole = random_uniform(9, i + size * (size_t)(y * 1000 + x)) < 0.1;
-                bool lost = (x == 3 && y == 2) || y == 6 || (x == 8 && y == 4 && i < area);
-                response[i] = hole || lost ? (float)NAN : response[i];
-            }
-        }
     }
 }
 
@@ -237,8 +114,8 @@ static void one_iteration_with_missing_entries_agrees_with_double_precision(void
 {
     for (int clusters = 1; clusters <= 3; clusters += 2) {
         struct sample sample = sample_new(19, 12, 3, 7, 5);
-        punch_holes(&sample);
-        struct bench b = bench_new(&sample, 4, clusters, update_lanes(&opencl));
+        sample_punch_holes(&sample);
+        struct bench b = bench_new(&sample, 4, clusters, layout_lanes(&opencl));
         TEST_ASSERT_TRUE(b.responses.mask_needed);
         compare_one_iteration(&b, NULL);
         bench_finish(&b);
@@ -254,9 +131,9 @@ static void one_iteration_with_negative_entries_agrees_with_double_precision(voi
             sample.responses[i] -= 0.05F;
         }
         if (holes) {
-            punch_holes(&sample);
+            sample_punch_holes(&sample);
         }
-        struct bench b = bench_new(&sample, 4, 2, update_lanes(&opencl));
+        struct bench b = bench_new(&sample, 4, 2, layout_lanes(&opencl));
         TEST_ASSERT_TRUE(b.responses.negative);
         compare_one_iteration(&b, NULL);
         bench_finish(&b);
@@ -264,28 +141,12 @@ static void one_iteration_with_negative_entries_agrees_with_double_precision(voi
     }
 }
 
-static void run_steps(struct bench *b, int count)
-{
-    struct nacre_error error = {0};
-    for (int i = 0; i < count; i++) {
-        for (int c = 0; c < b->responses.channels; c++) {
-            double objective = 0;
-            succeed(b->method->ops->step(b->method, c, i % 2 ? &objective : NULL, &error), &error);
-        }
-    }
-}
-
 /* F and H of channel 0 after some steps, appended in memory the caller frees. */
 static float *factors_after(struct bench *b, int steps)
 {
-    float *both = malloc(2 * b->count * sizeof *both);
-    TEST_ASSERT_NOT_NULL(both);
     bench_start(b, NULL);
-    run_steps(b, steps);
-    bench_read(b, 0);
-    memcpy(both, b->f, b->count * sizeof *both);
-    memcpy(both + b->count, b->h, b->count * sizeof *both);
-    return both;
+    bench_run(b, steps);
+    return bench_factors(b);
 }
 
 static void what_stands_behind_the_mask_influences_nothing(void)
@@ -293,9 +154,9 @@ static void what_stands_behind_the_mask_influences_nothing(void)
     static const float garbage[] = {NAN, INFINITY, -INFINITY, 1e30F, -7, 1e-42F};
     for (int clusters = 1; clusters <= 3; clusters += 2) {
         struct sample sample = sample_new(19, 12, 1, 7, 5);
-        punch_holes(&sample);
-        struct bench a = bench_new(&sample, 4, clusters, update_lanes(&opencl));
-        struct bench b = bench_new(&sample, 4, clusters, update_lanes(&opencl));
+        sample_punch_holes(&sample);
+        struct bench a = bench_new(&sample, 4, clusters, layout_lanes(&opencl));
+        struct bench b = bench_new(&sample, 4, clusters, layout_lanes(&opencl));
         size_t changed = 0;
         for (int i = 0; i < 19 * 12 * 49; i++) {
             size_t index =
@@ -321,8 +182,8 @@ static void what_stands_behind_the_mask_influences_nothing(void)
 static void two_runs_give_the_same_bits(void)
 {
     struct sample sample = sample_new(23, 9, 1, 9, 5);
-    struct bench a = bench_new(&sample, 4, 2, update_lanes(&opencl));
-    struct bench b = bench_new(&sample, 4, 2, update_lanes(&opencl));
+    struct bench a = bench_new(&sample, 4, 2, layout_lanes(&opencl));
+    struct bench b = bench_new(&sample, 4, 2, layout_lanes(&opencl));
     float *one = factors_after(&a, 20), *two = factors_after(&b, 20);
     TEST_ASSERT_EQUAL_MEMORY(one, two, 2 * a.count * sizeof *one);
     free(one);
@@ -341,7 +202,7 @@ static void the_width_of_vectors_does_not_change_a_bit(void)
         struct update_tile tile = {2, 4, 2};
         struct bench b = bench_new(&sample, 4, 2, lanes);
         bench_start(&b, &tile);
-        run_steps(&b, 5);
+        bench_run(&b, 5);
         bench_read(&b, 0);
         if (!first) {
             first = malloc(b.count * sizeof *first);
@@ -358,12 +219,12 @@ static void a_power_of_two_changes_nothing_but_the_scale(void)
 {
     static const int exponents[] = {-60, -1, 7, 90};
     struct sample sample = sample_new(13, 9, 1, 9, 5);
-    struct bench a = bench_new(&sample, 4, 2, update_lanes(&opencl));
+    struct bench a = bench_new(&sample, 4, 2, layout_lanes(&opencl));
     float *expected = factors_after(&a, 10);
     for (size_t i = 0; i < sizeof exponents / sizeof *exponents; i++) {
         struct sample scaled = sample_new(13, 9, 1, 9, 5);
         sample_scale(&scaled, ldexpf(1, exponents[i]));
-        struct bench b = bench_new(&scaled, 4, 2, update_lanes(&opencl));
+        struct bench b = bench_new(&scaled, 4, 2, layout_lanes(&opencl));
         float *actual = factors_after(&b, 10);
         TEST_ASSERT_EQUAL_INT(a.responses.exponent[0] + exponents[i], b.responses.exponent[0]);
         TEST_ASSERT_EQUAL_MEMORY(expected, actual, 2 * a.count * sizeof *actual);
@@ -379,11 +240,11 @@ static void a_power_of_two_changes_nothing_but_the_scale(void)
 static void check_descent(struct sample *sample, int terms, int clusters)
 {
     struct nacre_error error = {0};
-    struct bench b = bench_new(sample, terms, clusters, update_lanes(&opencl));
+    struct bench b = bench_new(sample, terms, clusters, layout_lanes(&opencl));
     double previous = INFINITY, objective = 0, first = 0;
     bench_start(&b, NULL);
     for (int i = 0; i <= 200; i++) {
-        succeed(b.method->ops->step(b.method, 0, &objective, &error), &error);
+        bench_succeed(b.method->ops->step(b.method, 0, &objective, &error), &error);
         TEST_ASSERT_TRUE(isfinite(objective));
         TEST_ASSERT_TRUE(objective <= previous * (1 + 1e-6));
         first = i == 0 ? objective : first;
@@ -402,7 +263,7 @@ static void the_objective_never_rises(void)
     struct sample plain = sample_new(24, 17, 1, 9, 5), holes = sample_new(24, 17, 1, 9, 6);
     struct sample dark_point = sample_new(24, 17, 1, 9, 7), dark = sample_new(24, 17, 1, 9, 8);
     struct sample spike = sample_new(24, 17, 1, 9, 9), negative = sample_new(24, 17, 1, 9, 10);
-    punch_holes(&holes);
+    sample_punch_holes(&holes);
     memset(sample_at(&dark_point, 5, 5), 0, 81 * sizeof(float));
     sample_scale(&dark, 0);
     for (size_t i = 0; i < 24 * 17 * 81; i++) {
@@ -431,7 +292,7 @@ static void data_made_by_the_model_is_recovered(void)
 {
     struct nacre_error error = {0};
     struct sample sample = sample_new(20, 15, 1, 7, 1);
-    struct bench b = bench_new(&sample, 4, 1, update_lanes(&opencl));
+    struct bench b = bench_new(&sample, 4, 1, layout_lanes(&opencl));
     double objective = 0, squares = 0;
     responses_finish(&b.responses);
     for (int y = 0; y < 15; y++) {
@@ -445,14 +306,14 @@ static void data_made_by_the_model_is_recovered(void)
             }
         }
     }
-    b.responses = sample_load(&sample, update_lanes(&opencl));
+    b.responses = sample_load(&sample, layout_lanes(&opencl));
     for (size_t i = 0; i < 20 * 15 * 49; i++) {
         double value = ldexp((double)sample.responses[i], -b.responses.exponent[0]);
         squares += value * value / (double)b.kernels[i % 49] / 2;
     }
     bench_start(&b, NULL);
-    run_steps(&b, 3000);
-    succeed(b.method->ops->measure(b.method, 0, &objective, &error), &error);
+    bench_run(&b, 3000);
+    bench_succeed(b.method->ops->measure(b.method, 0, &objective, &error), &error);
     TEST_ASSERT_TRUE(objective < 1e-4 / 3 * squares);
     bench_finish(&b);
     sample_finish(&sample);
@@ -463,13 +324,13 @@ static void regularising_raises_each_update_to_a_power(void)
 {
     struct nacre_error error = {0};
     struct sample sample = sample_new(9, 8, 1, 5, 5);
-    struct bench a = bench_new(&sample, 4, 1, update_lanes(&opencl));
-    struct bench b = bench_new(&sample, 4, 1, update_lanes(&opencl));
+    struct bench a = bench_new(&sample, 4, 1, layout_lanes(&opencl));
+    struct bench b = bench_new(&sample, 4, 1, layout_lanes(&opencl));
     b.problem.regularise = 0.01;
     bench_start(&a, NULL);
     bench_start(&b, NULL);
-    succeed(update_half_step(a.method, 0, false, &error), &error);
-    succeed(update_half_step(b.method, 0, false, &error), &error);
+    bench_succeed(update_half_step(a.method, 0, false, &error), &error);
+    bench_succeed(update_half_step(b.method, 0, false, &error), &error);
     bench_read(&a, 0);
     bench_read(&b, 0);
     for (size_t i = 0; i < a.count; i++) {
@@ -485,13 +346,13 @@ static void factors_written_are_read_back(void)
 {
     struct nacre_error error = {0};
     struct sample sample = sample_new(9, 8, 3, 5, 5);
-    struct bench b = bench_new(&sample, 3, 1, update_lanes(&opencl));
+    struct bench b = bench_new(&sample, 3, 1, layout_lanes(&opencl));
     float *f = malloc(b.count * sizeof *f);
     bench_start(&b, NULL);
     for (size_t i = 0; i < b.count; i++) {
         f[i] = (float)i;
     }
-    succeed(b.method->ops->write(b.method, 1, f, f, &error), &error);
+    bench_succeed(b.method->ops->write(b.method, 1, f, f, &error), &error);
     bench_read(&b, 1);
     TEST_ASSERT_EQUAL_MEMORY(f, b.f, b.count * sizeof *f);
     TEST_ASSERT_EQUAL_MEMORY(f, b.h, b.count * sizeof *f);

@@ -1,0 +1,288 @@
+/* Block coordinate descent against double precision, and what it promises of any run. */
+#include "bench.h"
+
+#include "factor/hals.h"
+#include "factor/layout.h"
+#include "factor/random.h"
+#include "factor/update.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unity.h>
+
+enum { SWEEPS = 5 }; /* as in hals.c */
+
+static struct opencl opencl;
+
+void setUp(void)
+{
+}
+
+void tearDown(void)
+{
+}
+
+static void start(struct bench *b, const struct hals_options *options)
+{
+    struct nacre_error error = {0};
+    b->problem.responses = &b->responses;
+    bench_succeed(hals_new(&opencl, &b->problem, options, &b->method, &error), &error);
+    if (!b->method) {
+        abort(); /* cannot be, which analysers do not know */
+    }
+}
+
+static double norm_of_difference(const double *a, const float *b, size_t count, double *norm)
+{
+    double difference = 0;
+    *norm = 0;
+    for (size_t i = 0; i < count; i++) {
+        difference += (a[i] - (double)b[i]) * (a[i] - (double)b[i]);
+        *norm += a[i] * a[i];
+    }
+    *norm = sqrt(*norm);
+    return sqrt(difference);
+}
+
+/* One step as hals.h describes it, in double: H set, carried on by half of its change, F set. */
+static void reference_step(struct reference *r, size_t count)
+{
+    double *before = malloc(count * sizeof *before);
+    memcpy(before, r->h, count * sizeof *before);
+    reference_descend(r, true, SWEEPS);
+    for (size_t i = 0; i < count; i++) {
+        r->h[i] = fmax(0, r->h[i] + 0.5 * (r->h[i] - before[i]));
+    }
+    reference_descend(r, false, SWEEPS);
+    free(before);
+}
+
+/* Coordinate descent amplifies roundings by the condition of the normal equations, so single entries are not compared,
+ * but F and H as wholes: 1e-3 in the Euclidean norm. The objective is flat around its minimum: 1e-5. */
+static void compare_one_step(struct bench *b)
+{
+    static const struct hals_options exact = {.quadrature = 0, .pilot = 0};
+    struct nacre_error error = {0};
+    start(b, &exact);
+    for (int c = 0; c < b->responses.channels; c++) {
+        double objective = 0, norm = 0;
+        bench_read(b, c);
+        struct reference reference = bench_reference(b, c);
+        double first = reference_objective(&reference);
+        bench_succeed(b->method->ops->step(b->method, c, &objective, &error), &error);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-5 * first, first, objective);
+        reference_step(&reference, b->count);
+        bench_read(b, c);
+        double expected = reference_objective(&reference);
+        TEST_ASSERT_TRUE_MESSAGE(expected < first, "this sample's first step is one to be taken");
+        bench_succeed(b->method->ops->measure(b->method, c, &objective, &error), &error);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-5 * expected + 1e-10 * first, expected, objective);
+        double difference = norm_of_difference(reference.f, b->f, b->count, &norm);
+        TEST_ASSERT_TRUE(difference <= 1e-3 * norm);
+        difference = norm_of_difference(reference.h, b->h, b->count, &norm);
+        TEST_ASSERT_TRUE(difference <= 1e-3 * norm);
+        bench_reference_finish(&reference);
+    }
+}
+
+static void one_step_agrees_with_double_precision(void)
+{
+    static const struct {
+        int width, height, window, terms, clusters, channels;
+    } shapes[] = {
+        /* Few numbers of terms: each is a program of its own to compile. */
+        {1, 13, 5, 1, 1, 1},  {13, 1, 7, 1, 1, 1},    {17, 11, 9, 4, 3, 3},
+        {31, 7, 25, 4, 5, 1}, {37, 19, 11, 12, 1, 1}, {8, 9, 67, 4, 2, 1},
+    };
+    for (size_t i = 0; i < sizeof shapes / sizeof *shapes; i++) {
+        struct sample sample =
+            sample_new(shapes[i].width, shapes[i].height, shapes[i].channels, shapes[i].window, 5);
+        struct bench b =
+            bench_new(&sample, shapes[i].terms, shapes[i].clusters, layout_lanes(&opencl));
+        compare_one_step(&b);
+        bench_finish(&b);
+        sample_finish(&sample);
+    }
+}
+
+static void one_step_with_missing_entries_agrees_with_double_precision(void)
+{
+    struct sample sample = sample_new(19, 12, 3, 7, 5);
+    sample_punch_holes(&sample);
+    struct bench b = bench_new(&sample, 4, 3, layout_lanes(&opencl));
+    TEST_ASSERT_TRUE(b.responses.mask_needed);
+    compare_one_step(&b);
+    bench_finish(&b);
+    sample_finish(&sample);
+}
+
+/* Steps with the options in use. Returns the objective after them, in double precision from the factors themselves. */
+static double descend(struct sample *sample, int terms, int clusters, int steps)
+{
+    struct nacre_error error = {0};
+    struct bench b = bench_new(sample, terms, clusters, layout_lanes(&opencl));
+    double previous = INFINITY, objective = 0;
+    start(&b, NULL);
+    for (int i = 0; i < steps; i++) {
+        bench_succeed(b.method->ops->step(b.method, 0, &objective, &error), &error);
+        TEST_ASSERT_TRUE(isfinite(objective));
+        TEST_ASSERT_TRUE(objective <= previous * (1 + 1e-6));
+        previous = objective;
+    }
+    bench_succeed(b.method->ops->measure(b.method, 0, &objective, &error), &error);
+    TEST_ASSERT_TRUE(objective <= previous * (1 + 1e-6));
+    bench_read(&b, 0);
+    for (size_t i = 0; i < b.count; i++) {
+        TEST_ASSERT_TRUE(isfinite(b.f[i]) && b.f[i] >= 0 && isfinite(b.h[i]) && b.h[i] >= 0);
+    }
+    struct reference reference = bench_reference(&b, 0);
+    double exact = reference_objective(&reference);
+    /* Float residuals of responses up to 1 against a sum of their squares over kernels as small as 1e-5 of the peak. */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5 * exact + 1e-9, exact, objective);
+    bench_reference_finish(&reference);
+    bench_finish(&b);
+    return exact;
+}
+
+static void the_objective_never_rises(void)
+{
+    struct sample plain = sample_new(24, 17, 1, 15, 5), holes = sample_new(24, 17, 1, 15, 6);
+    struct sample dark_point = sample_new(24, 17, 1, 15, 7), dark = sample_new(24, 17, 1, 15, 8);
+    struct sample spike = sample_new(24, 17, 1, 15, 9), negative = sample_new(24, 17, 1, 15, 10);
+    size_t area = 225;
+    sample_punch_holes(&holes);
+    memset(sample_at(&dark_point, 5, 5), 0, area * sizeof(float));
+    sample_scale(&dark, 0);
+    for (size_t i = 0; i < 24 * 17 * area; i++) {
+        spike.responses[i] *= i / area == 100 ? 1e5F : 1;
+        negative.responses[i] -= i % 5 ? 0 : 0.02F;
+    }
+    (void)descend(&plain, 4, 1, 60);
+    (void)descend(&plain, 4, 4, 60);
+    (void)descend(&holes, 4, 2, 60);
+    (void)descend(&dark_point, 4, 1, 60);
+    (void)descend(&dark, 4, 1, 10);
+    (void)descend(&spike, 4, 2, 60);
+    (void)descend(&negative, 4, 1, 60);
+    sample_finish(&plain);
+    sample_finish(&holes);
+    sample_finish(&dark_point);
+    sample_finish(&dark);
+    sample_finish(&spike);
+    sample_finish(&negative);
+}
+
+/* The point of the method: what the paper's updates need hundreds of iterations for comes in a few steps. */
+static void thirty_steps_are_better_than_three_hundred_updates(void)
+{
+    struct nacre_error error = {0};
+    struct sample sample = sample_new(40, 33, 1, 17, 11);
+    struct bench b = bench_new(&sample, 4, 3, layout_lanes(&opencl));
+    double objective = 0;
+    b.problem.responses = &b.responses;
+    bench_succeed(update_new(&opencl, &b.problem, NULL, &b.method, &error), &error);
+    bench_run(&b, 300);
+    bench_succeed(b.method->ops->measure(b.method, 0, &objective, &error), &error);
+    TEST_ASSERT_TRUE(descend(&sample, 4, 3, 30) <= objective);
+    bench_finish(&b);
+    sample_finish(&sample);
+}
+
+static void what_stands_behind_the_mask_influences_nothing(void)
+{
+    static const float garbage[] = {NAN, INFINITY, -INFINITY, 1e30F, -7, 1e-42F};
+    struct sample sample = sample_new(19, 12, 1, 13, 5);
+    float *results[2] = {NULL};
+    size_t count = 0;
+    sample_punch_holes(&sample);
+    for (int dirty = 0; dirty < 2; dirty++) {
+        struct bench b = bench_new(&sample, 4, 3, layout_lanes(&opencl));
+        int changed = 0;
+        for (int i = 0; i < 19 * 12 * 169 && dirty; i++) {
+            int x = i % 19, y = i / 19 % 12, u = i / 228 % 13, v = i / 2964;
+            int xo = x + u - 6, yo = y + v - 6;
+            size_t index = responses_index(&b.responses, x, y, u, v);
+            if (xo >= 0 && xo < 19 && yo >= 0 && yo < 12 &&
+                !responses_is_measured(&b.responses, 0, index)) {
+                b.responses.values[0][index] = garbage[changed++ % 6];
+            }
+        }
+        TEST_ASSERT_TRUE(!dirty || changed > 1000);
+        start(&b, NULL);
+        bench_run(&b, 6);
+        results[dirty] = bench_factors(&b);
+        count = 2 * b.count;
+        bench_finish(&b);
+    }
+    TEST_ASSERT_EQUAL_MEMORY(results[0], results[1], count * sizeof(float));
+    free(results[0]);
+    free(results[1]);
+    sample_finish(&sample);
+}
+
+static void two_runs_give_the_same_bits(void)
+{
+    struct sample sample = sample_new(23, 19, 1, 15, 5);
+    float *results[2] = {NULL};
+    size_t count = 0;
+    for (int i = 0; i < 2; i++) {
+        struct bench b = bench_new(&sample, 4, 2, layout_lanes(&opencl));
+        start(&b, NULL);
+        bench_run(&b, 10);
+        results[i] = bench_factors(&b);
+        count = 2 * b.count;
+        bench_finish(&b);
+    }
+    TEST_ASSERT_EQUAL_MEMORY(results[0], results[1], count * sizeof(float));
+    free(results[0]);
+    free(results[1]);
+    sample_finish(&sample);
+}
+
+static void awkward_sizes_stay_finite(void)
+{
+    static const int sizes[][5] = {/* width, height, window, terms, clusters */
+                                   {1, 1, 1, 1, 1},   {1, 1, 31, 4, 1},  {2, 1, 31, 4, 2},
+                                   {5, 5, 25, 30, 5}, {3, 40, 41, 4, 1}, {40, 3, 41, 70, 2}};
+    for (size_t i = 0; i < sizeof sizes / sizeof *sizes; i++) {
+        struct sample sample = sample_new(sizes[i][0], sizes[i][1], 1, sizes[i][2], 5);
+        (void)descend(&sample, sizes[i][3], sizes[i][4], 10);
+        sample_finish(&sample);
+    }
+}
+
+static void too_many_terms_are_refused(void)
+{
+    struct nacre_error error = {0};
+    struct sample sample = sample_new(5, 4, 1, 3, 5);
+    struct bench b = bench_new(&sample, HALS_TERMS + 1, 1, layout_lanes(&opencl));
+    b.problem.responses = &b.responses;
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, hals_new(&opencl, &b.problem, NULL, &b.method, &error));
+    TEST_ASSERT_EQUAL_STRING(
+        "257 terms are too many for hals, which takes 256 at most; use --method mu", error.text);
+    TEST_ASSERT_NULL(b.method);
+    bench_finish(&b);
+    sample_finish(&sample);
+}
+
+int main(void)
+{
+    struct nacre_error error = {0};
+    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
+        (void)fprintf(stderr, "%s\n", error.text);
+        return 1;
+    }
+    UNITY_BEGIN();
+    RUN_TEST(one_step_agrees_with_double_precision);
+    RUN_TEST(one_step_with_missing_entries_agrees_with_double_precision);
+    RUN_TEST(the_objective_never_rises);
+    RUN_TEST(thirty_steps_are_better_than_three_hundred_updates);
+    RUN_TEST(what_stands_behind_the_mask_influences_nothing);
+    RUN_TEST(two_runs_give_the_same_bits);
+    RUN_TEST(awkward_sizes_stay_finite);
+    RUN_TEST(too_many_terms_are_refused);
+    opencl_close(&opencl);
+    return UNITY_END();
+}
