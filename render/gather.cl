@@ -1,6 +1,41 @@
 /* Light gathered from samples by receivers; gather_reference.c is the same in double precision.
- * Set by -D: TERMS4 (terms / 4), PLANES (1 or 3 factor channels), WINDOW, MIXED, CLUSTERS (column stride, 0 but for
- * kernel pairs), PER_TERM, WIDTH, HEIGHT, MIRROR, SAME_SIDE, POINT_MM, NEAR_MM. */
+ * What is specialised, by -D: */
+#ifndef TERMS4
+#define TERMS4 1 /* terms / 4 */
+#endif
+#ifndef PLANES
+#define PLANES 3 /* channels of the factors: 1 or 3 */
+#endif
+#ifndef WINDOW
+#define WINDOW 3 /* K */
+#endif
+#ifndef MIXED
+#define MIXED 1 /* kernels mixed at a surface point */
+#endif
+#ifndef CLUSTERS
+#define CLUSTERS 0 /* kernels from one id to the next, for pairs of clusters */
+#endif
+#ifndef PER_TERM
+#define PER_TERM 0 /* 1: a kernel for each term */
+#endif
+#ifndef WIDTH
+#define WIDTH 1 /* of the material, surface points */
+#endif
+#ifndef HEIGHT
+#define HEIGHT 1
+#endif
+#ifndef MIRROR
+#define MIRROR 1 /* 0: tiles repeat */
+#endif
+#ifndef SAME_SIDE
+#define SAME_SIDE 0 /* 1: light does not go through */
+#endif
+#ifndef POINT_MM
+#define POINT_MM 1.0f
+#endif
+#ifndef NEAR_MM
+#define NEAR_MM 3.0f
+#endif
 
 #define SIDE (WINDOW + 2)
 #define REACH_MM ((WINDOW / 2 + 1) * 1.4142136f * POINT_MM)
