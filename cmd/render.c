@@ -140,9 +140,10 @@ static int print_json(const char *output, const struct render_report *report,
             json_pack("{s:I, s:I, s:I, s:b, s:I, s:I, s:I, s:f, s:[f, f, f], s:b}", "vertices",
                       (json_int_t)o->vertices, "triangles", (json_int_t)o->triangles, "degenerate",
                       (json_int_t)o->degenerate, "translucent", o->translucent, "samples",
-                      (json_int_t)o->counts.samples, "merged", (json_int_t)o->counts.gather.merged,
-                      "rays", (json_int_t)o->counts.rays, "point_mm", o->point_mm, "stretch",
-                      o->stretch[0], o->stretch[1], o->stretch[2], "limited", o->limited));
+                      (json_int_t)o->counts.samples, "quarters",
+                      (json_int_t)o->counts.gather.quarters, "rays", (json_int_t)o->counts.rays,
+                      "point_mm", o->point_mm, "stretch", o->stretch[0], o->stretch[1],
+                      o->stretch[2], "limited", o->limited));
     }
     int status = root && json_dumpf(root, stdout, JSON_INDENT(2)) == 0 && puts("") >= 0
                      ? NACRE_OK

@@ -16,6 +16,9 @@ enum {
     GROUP_CELLS = 4,           /* side of the cubes whose receivers share a list, in cells */
 };
 
+/* Where samples are no longer taken by quarters of a surface point but by whole ones. */
+static const double middle_over_near = 2.5;
+
 /* In the order of the kernel's arguments, after `first`. */
 enum buffer {
     BUFFER_RECEIVERS,
@@ -29,8 +32,10 @@ enum buffer {
     BUFFER_CELL_SAMPLES,
     BUFFER_SAMPLES,
     BUFFER_SPOTS,
-    BUFFER_MERGED,
-    BUFFER_MERGED_SPOTS,
+    BUFFER_QUARTERS,
+    BUFFER_QUARTER_SPOTS,
+    BUFFER_WHOLES,
+    BUFFER_WHOLE_SPOTS,
     BUFFER_FACTORS,
     BUFFER_KERNELS,
     BUFFER_IDS,
@@ -167,17 +172,18 @@ static int build(struct run *run, struct nacre_error *error)
     const struct appearance *appearance = run->gather->appearance;
     const struct mapping *mapping = run->gather->mapping;
     double near = fmin(run->gather->near_points * mapping->point_mm, 1e30);
+    double middle = fmin(middle_over_near * near, 1e30);
     char options[512];
     cl_int status;
     (void)snprintf(
         options, sizeof options,
         "-cl-mad-enable -DTERMS4=%d -DPLANES=%d -DWINDOW=%d -DMIXED=%d -DCLUSTERS=%d "
         "-DPER_TERM=%d -DWIDTH=%d -DHEIGHT=%d -DMIRROR=%d -DSAME_SIDE=%d -DPOINT_MM=%.9ef "
-        "-DNEAR_MM=%.9ef",
+        "-DNEAR_MM=%.9ef -DMIDDLE_MM=%.9ef",
         appearance->terms / 4, appearance->factor_channels, appearance->window, appearance->mixed,
         appearance->layout == NACRE_KERNEL_PAIR ? appearance->clusters : 0,
         appearance->layout == NACRE_KERNEL_PER_TERM, appearance->width, appearance->height,
-        mapping->mirror, run->gather->same_side, mapping->point_mm, near);
+        mapping->mirror, run->gather->same_side, mapping->point_mm, near, middle);
     if (opencl_build(run->opencl, &gather_cl, options, &run->program, error) != NACRE_OK) {
         return NACRE_FAILED;
     }
@@ -263,8 +269,8 @@ static int upload_cells(struct run *run, struct nacre_error *error)
         reals[i][3] = cell->radius_mm;
         integers[4 * i] = cell->sample_begin;
         integers[4 * i + 1] = cell->sample_end;
-        integers[4 * i + 2] = cell->merged_begin;
-        integers[4 * i + 3] = cell->merged_end;
+        integers[4 * i + 2] = cell->quarter_begin;
+        integers[4 * i + 3] = cell->quarter_end;
     }
     if (upload(run, BUFFER_CELLS, reals, cells->cell_count * sizeof *reals, error) == NACRE_OK) {
         status = upload(run, BUFFER_CELL_SAMPLES, integers,
@@ -398,8 +404,12 @@ static int prepare(struct run *run, struct nacre_error *error)
                        BUFFER_SPOTS, error) != NACRE_OK) {
         return NACRE_FAILED;
     }
-    return upload_samples(run, run->cells.merged, run->cells.merged_count, BUFFER_MERGED,
-                          BUFFER_MERGED_SPOTS, error);
+    if (upload_samples(run, run->cells.quarters, run->cells.quarter_count, BUFFER_QUARTERS,
+                       BUFFER_QUARTER_SPOTS, error) != NACRE_OK) {
+        return NACRE_FAILED;
+    }
+    return upload_samples(run, run->cells.wholes, run->cells.cell_count, BUFFER_WHOLES,
+                          BUFFER_WHOLE_SPOTS, error);
 }
 
 int gather_run(const struct gather *gather, const struct opencl *opencl, struct progress *progress,
@@ -408,7 +418,7 @@ int gather_run(const struct gather *gather, const struct opencl *opencl, struct 
     struct run run = {.gather = gather, .opencl = opencl};
     int status = prepare(&run, error);
     *counts = (struct gather_counts){run.receivers.count, run.cells.sample_count,
-                                     run.cells.merged_count, run.list_count};
+                                     run.cells.quarter_count, run.list_count};
     if (status == NACRE_OK && run.cells.sample_count > 0) {
         status = launch(&run, progress, error);
         if (status == NACRE_OK) {

@@ -34,7 +34,10 @@
 #define POINT_MM 1.0f
 #endif
 #ifndef NEAR_MM
-#define NEAR_MM 3.0f
+#define NEAR_MM 3.0f /* nearer cells: sample by sample */
+#endif
+#ifndef MIDDLE_MM
+#define MIDDLE_MM 8.0f /* nearer cells: by quarters of a surface point; farther ones as a whole */
 #endif
 
 #define SIDE (WINDOW + 2)
@@ -151,7 +154,8 @@ __kernel void gather(uint first, __global const struct receiver *receivers,
                      __global const float4 *blocks, __global const uint2 *block_cells,
                      __global const float4 *cells, __global const uint4 *cell_samples,
                      __global const float4 *samples, __global const uint *spots,
-                     __global const float4 *merged, __global const uint *merged_spots,
+                     __global const float4 *quarters, __global const uint *quarter_spots,
+                     __global const float4 *wholes, __global const uint *whole_spots,
                      __global const float4 *factors, __global const float4 *kernels,
                      __global const uint *ids, __global const float *weights, __global float4 *out)
 {
@@ -183,11 +187,14 @@ __kernel void gather(uint first, __global const struct receiver *receivers,
                     block_sum += pair(&to, h, samples + 3 * (size_t)s, spots + 2 * (size_t)s, factors,
                                       kernels, ids, weights);
                 }
-            } else {
+            } else if (distance < MIDDLE_MM) {
                 for (uint s = range.z; s < range.w; s++) {
-                    block_sum += pair(&to, h, merged + 3 * (size_t)s, merged_spots + 2 * (size_t)s,
+                    block_sum += pair(&to, h, quarters + 3 * (size_t)s, quarter_spots + 2 * (size_t)s,
                                       factors, kernels, ids, weights);
                 }
+            } else {
+                block_sum += pair(&to, h, wholes + 3 * (size_t)cell, whole_spots + 2 * (size_t)cell,
+                                  factors, kernels, ids, weights);
             }
         }
         sum += block_sum;

@@ -23,14 +23,15 @@ struct gather {
     const struct appearance *appearance;
     const struct light_samples *samples;
     bool same_side; /* only light that falls on the side where it leaves */
-    /* Samples within this many surface points count one by one; farther ones that share a surface point are summed up
-     * first. HUGE_VAL: always one by one. */
+    /* Samples within this many surface points count one by one; farther ones are summed up by
+     * quarters of a surface point, and from 2.5 times as far on by whole ones. HUGE_VAL: always one
+     * by one. */
     double near_points;
 };
 
 struct gather_counts {
-    uint64_t receivers, samples, merged,
-        lookups; /* lookups: visits of blocks of samples by groups of receivers */
+    uint64_t receivers, samples, quarters;
+    uint64_t lookups; /* visits of blocks of samples by groups of receivers */
 };
 
 /* Add the smooth part of what leaves each vertex to radiosity[vertex][3], on the OpenCL device. */

@@ -37,6 +37,7 @@ static int start(const char *folder, int width, int height, bool baked, pid_t *p
                                      "+A0.1",
                                      "+AM2",
                                      "+R2",
+                                     "-J",
                                      "-D",
                                      "-P",
                                      w,

@@ -83,10 +83,8 @@ void stand_add_sample(struct stand *stand, size_t triangle, double b1, double b2
     TEST_ASSERT_NOT_NULL(samples->list);
     struct light_sample *sample = &samples->list[samples->count++];
     struct mapped chart = mapping_inside(mapping, &stand->mesh, triangle, b1, b2);
-    *sample = (struct light_sample){.area_mm2 = (float)area,
-                                    .x = (float)chart.x,
-                                    .y = (float)chart.y,
-                                    .chart = chart.chart};
+    *sample = (struct light_sample){
+        .area_mm2 = (float)area, .x = (float)chart.x, .y = (float)chart.y, .chart = chart.chart};
     struct vec3 p = {0, 0, 0}, n = {0, 0, 0};
     for (int k = 0; k < 3; k++) {
         p = vec3_along(p, b[k], vec3_from(stand->mesh.positions[t[k]]));
@@ -123,8 +121,9 @@ void stand_light_evenly(struct stand *stand, double density)
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, world_new(meshes, 1, &world, &error), error.text);
     samples_finish(&stand->samples);
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK,
-                                  samples_spread(&surface, world, NULL, 0, density / (point * point),
-                                                 1, 1, NULL, &stand->samples, &error),
+                                  samples_spread(&surface, world, NULL, 0,
+                                                 density / (point * point), 1, 1, NULL,
+                                                 &stand->samples, &error),
                                   error.text);
     for (size_t i = 0; i < stand->samples.count; i++) {
         for (int c = 0; c < 3; c++) {
@@ -179,7 +178,8 @@ struct nacre_material stand_even_material(int size, int window, double reach, do
     TEST_ASSERT_EQUAL_INT_MESSAGE(
         NACRE_OK, nacre_material_allocate(&material, false, false, &error), error.text);
     for (int i = 0; i < window * window; i++) {
-        double x = i % window - (window - 1) / 2.0, y = (i - i % window) / window - (window - 1) / 2.0;
+        double x = i % window - (window - 1) / 2.0,
+               y = (i - i % window) / window - (window - 1) / 2.0;
         material.kernels[i] = (float)exp(-hypot(x, y) / reach);
         sum += material.kernels[i];
     }

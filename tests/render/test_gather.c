@@ -52,8 +52,8 @@ static double radiosity_at(const struct stand *surface, size_t vertex, int c, do
 static double rms_difference(const struct stand *a, const struct stand *b)
 {
     double square = 0, reference = 0;
-    size_t count = a->mesh.vertex_count < b->mesh.vertex_count ? a->mesh.vertex_count
-                                                                : b->mesh.vertex_count;
+    size_t count =
+        a->mesh.vertex_count < b->mesh.vertex_count ? a->mesh.vertex_count : b->mesh.vertex_count;
     for (size_t i = 0; i < count * 3; i++) {
         double one = a->radiosity[i / 3][i % 3], two = b->radiosity[i / 3][i % 3];
         square += (one - two) * (one - two);
@@ -73,8 +73,8 @@ static void check_response(const struct scene_material *settings, int x, int y)
     stand_gather(&stand, 3);
     for (size_t i = 0; i < stand.mesh.vertex_count; i++) {
         for (int c = 0; c < 3; c++) {
-            double expected = nacre_material_evaluate(&material, material.channels == 1 ? 0 : c, x, y,
-                                                      (int)(i % width), (int)(i / width));
+            double expected = nacre_material_evaluate(&material, material.channels == 1 ? 0 : c, x,
+                                                      y, (int)(i % width), (int)(i / width));
             double found = radiosity_at(&stand, i, c, i == lit);
             TEST_ASSERT_DOUBLE_WITHIN(2e-5, expected, found);
         }
@@ -116,7 +116,8 @@ static struct mesh cut_grid(int columns, int rows, int cut, double point_mm, int
     struct mesh whole = stand_grid(columns, rows, point_mm), mesh;
     size_t old = whole.vertex_count, extra = (size_t)rows;
     TEST_ASSERT_EQUAL_INT_MESSAGE(
-        NACRE_OK, mesh_allocate(&mesh, old + extra, whole.triangle_count, true, &error), error.text);
+        NACRE_OK, mesh_allocate(&mesh, old + extra, whole.triangle_count, true, &error),
+        error.text);
     memcpy(mesh.positions, whole.positions, old * sizeof *mesh.positions);
     memcpy(mesh.normals, whole.normals, old * sizeof *mesh.normals);
     memcpy(mesh.uv, whole.uv, old * sizeof *mesh.uv);
@@ -178,8 +179,8 @@ static void a_light_spot_between_surface_points_keeps_its_energy(void)
 }
 
 /* Bake a stand's mesh under lights, alone in the world. */
-static void bake_alone(struct stand *surface, const struct light *lights, size_t light_count, int mode,
-                       const struct bake_settings *settings)
+static void bake_alone(struct stand *surface, const struct light *lights, size_t light_count,
+                       int mode, const struct bake_settings *settings)
 {
     const struct mesh *meshes[1] = {&surface->mesh};
     const struct scene_material how = {.mode = mode};
@@ -187,11 +188,11 @@ static void bake_alone(struct stand *surface, const struct light *lights, size_t
     struct bake_counts counts;
     memset(surface->radiosity, 0, surface->mesh.vertex_count * sizeof *surface->radiosity);
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, world_new(meshes, 1, &world, &error), error.text);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK,
-                                  bake_object(&surface->mesh, &surface->mapping, &surface->appearance,
-                                              &how, world, 0, lights, light_count, stand_opencl(),
-                                              settings, surface->radiosity, &counts, &error),
-                                  error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK,
+        bake_object(&surface->mesh, &surface->mapping, &surface->appearance, &how, world, 0, lights,
+                    light_count, stand_opencl(), settings, surface->radiosity, &counts, &error),
+        error.text);
     world_free(world);
 }
 
@@ -206,8 +207,10 @@ static struct light light_of(struct scene_light settings)
 /* A point light so far above that it shines evenly on a surface of a few mm. */
 static struct light far_light(void)
 {
-    return light_of((struct scene_light){
-        .kind = LIGHT_POINT, .position_mm = {10, -10, 1e5}, .at_mm = {10, -10, 0}, .irradiance = {1, 1, 1}});
+    return light_of((struct scene_light){.kind = LIGHT_POINT,
+                                         .position_mm = {10, -10, 1e5},
+                                         .at_mm = {10, -10, 0},
+                                         .irradiance = {1, 1, 1}});
 }
 
 static void even_light_shows_the_albedo(void)
@@ -236,7 +239,8 @@ static void the_albedo_is_the_sum_of_what_arrives(void)
     for (size_t kind = 0; kind < KINDS; kind++) {
         material = made_material(kinds[kind]);
         stand = stand_make(&material, stand_grid(4, 4, 1), &planar);
-        float *albedo = calloc((size_t)material.width * (size_t)material.height * 3, sizeof *albedo);
+        float *albedo =
+            calloc((size_t)material.width * (size_t)material.height * 3, sizeof *albedo);
         TEST_ASSERT_NOT_NULL(albedo);
         appearance_albedo(&stand.appearance, true, albedo);
         /* Points whose whole window lies on the sample. */
@@ -247,7 +251,8 @@ static void the_albedo_is_the_sum_of_what_arrives(void)
                     sum += nacre_material_evaluate(&material, material.channels - 1, x + i % 5 - 2,
                                                    y + i / 5 - 2, x, y);
                 }
-                TEST_ASSERT_DOUBLE_WITHIN(2e-5 * sum, sum, albedo[(y * material.width + x) * 3 + 2]);
+                TEST_ASSERT_DOUBLE_WITHIN(2e-5 * sum, sum,
+                                          albedo[(y * material.width + x) * 3 + 2]);
             }
         }
         free(albedo);
@@ -287,7 +292,8 @@ static struct mesh sphere(double radius_mm, double edge_mm)
  * a square one of 9 points nearly so when the radius is 40 points. Seams and poles of the mapping are included. */
 static void a_large_sphere_is_like_a_plane(void)
 {
-    const int mappings[] = {MAPPING_UV, MAPPING_BOX, MAPPING_SPHERE, MAPPING_PLANAR, MAPPING_CYLINDER};
+    const int mappings[] = {MAPPING_UV, MAPPING_BOX, MAPPING_SPHERE, MAPPING_PLANAR,
+                            MAPPING_CYLINDER};
     material = stand_even_material(30, 9, 1, 0.8);
     for (size_t k = 0; k < sizeof mappings / sizeof *mappings; k++) {
         const struct scene_material settings = {.mapping = mappings[k], .axis = 2};
@@ -325,7 +331,8 @@ static void splitting_the_mesh_does_not_change_the_light_at_its_vertices(void)
     stand = stand_make(&material, sphere(6, 1.2), &box);
     struct mesh fine = sphere(6, 1.2);
     TEST_ASSERT_EQUAL_INT_MESSAGE(
-        NACRE_OK, mesh_subdivide(&fine, mesh_edge_even, &edge, 1000000, &limited, &error), error.text);
+        NACRE_OK, mesh_subdivide(&fine, mesh_edge_even, &edge, 1000000, &limited, &error),
+        error.text);
     other = stand_make(&material, fine, &box);
     TEST_ASSERT_TRUE(fine.triangle_count > 10 * stand.mesh.triangle_count);
     bake_alone(&stand, &light, 1, MODE_FULL, &settings);
@@ -340,7 +347,8 @@ static void the_kernel_agrees_with_the_reference(void)
     for (size_t kind = 0; kind < KINDS; kind++) {
         const struct scene_material settings = {.mapping = kind % 2 ? MAPPING_BOX : MAPPING_UV,
                                                 .point_mm = 0.5,
-                                                .tiling = kind == 2 ? TILING_REPEAT : TILING_MIRROR};
+                                                .tiling =
+                                                    kind == 2 ? TILING_REPEAT : TILING_MIRROR};
         struct mesh knot, same;
         material = made_material(kinds[kind]);
         TEST_ASSERT_EQUAL_INT(NACRE_OK, mesh_make_knot(&knot, 12, 0.6, 0.8, &error));
@@ -434,7 +442,8 @@ static void light_does_not_pass_to_the_other_side_where_it_must_not(void)
             stand_add_sample(&stand, i, 0.3, 0.3); /* the upper side is lit */
         }
     }
-    gather = (struct gather){&stand.mesh, &stand.mapping, &stand.appearance, &stand.samples, true, 3};
+    gather =
+        (struct gather){&stand.mesh, &stand.mapping, &stand.appearance, &stand.samples, true, 3};
     TEST_ASSERT_EQUAL_INT_MESSAGE(
         NACRE_OK, gather_run(&gather, stand_opencl(), NULL, stand.radiosity, &counts, &error),
         error.text);

@@ -58,7 +58,8 @@ static void unshadowed(struct vec3 point, struct vec3 normal, double sum[3])
 {
     sum[0] = sum[1] = sum[2] = 0;
     for (int i = 0; i < 64 * 64; i++) {
-        const double u[2] = {(i % 64 + 0.5) / 64, (i / 64 + 0.5) / 64}; /* NOLINT(bugprone-integer-division) */
+        const double u[2] = {(i % 64 + 0.5) / 64,
+                             (i / 64 + 0.5) / 64}; /* NOLINT(bugprone-integer-division) */
         struct light_arrival arrival = light_arrive(&light, point, normal, u);
         for (int c = 0; c < 3; c++) {
             sum[c] += arrival.irradiance[c] / (64 * 64);
@@ -70,7 +71,8 @@ static void lights_make_the_irradiance_they_state(void)
 {
     for (size_t i = 0; i < SETTINGS; i++) {
         double sum[3];
-        TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, light_make(&light, &settings[i], &error), error.text);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, light_make(&light, &settings[i], &error),
+                                      error.text);
         unshadowed(vec3_from_doubles(settings[i].at_mm), vec3_scale(light.forward, -1), sum);
         for (int c = 0; c < 3; c++) {
             /* The midpoint rule with 64 x 64 points: 1e-4. */
@@ -85,7 +87,8 @@ static void light_falls_off_with_distance_and_slant(void)
     const double u[2] = {0};
     TEST_ASSERT_EQUAL_INT(NACRE_OK, light_make(&light, &settings[1], &error));
     struct vec3 twice = vec3_along(light.position, 2 * light.distance_mm, light.forward);
-    struct vec3 slanted = vec3_unit(vec3_along(vec3_scale(light.forward, -1), sqrt(3), light.right));
+    struct vec3 slanted =
+        vec3_unit(vec3_along(vec3_scale(light.forward, -1), sqrt(3), light.right));
     struct light_arrival arrival = light_arrive(&light, twice, slanted, u);
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1.0 / 4 / 2, arrival.irradiance[0]);
     arrival = light_arrive(&light, twice, light.forward, u);
@@ -145,7 +148,8 @@ static void a_slide_is_seen_upright_and_not_mirrored(void)
         picture.rgb[i * 3 + channel] = 1;
     }
     char *path = strdup(scratch_path("slide.exr"));
-    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, picture_write(path, &picture, NULL, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, picture_write(path, &picture, NULL, &error),
+                                  error.text);
     picture_finish(&picture);
     projector.texture = (struct scene_texture){.image = path};
     projector.position_mm[0] = projector.at_mm[0] = 0;
@@ -159,8 +163,8 @@ static void a_slide_is_seen_upright_and_not_mirrored(void)
         int channel;
     } places[] = {{-8, 4, 0}, {-8, -4, 0}, {8, 4, 1}, {8, -4, 2}, {17, 0, -1}, {0.5, 9, -1}};
     for (size_t i = 0; i < sizeof places / sizeof *places; i++) {
-        struct light_arrival arrival =
-            light_arrive(&light, (struct vec3){places[i].x, places[i].y, 0}, (struct vec3){0, 0, 1}, u);
+        struct light_arrival arrival = light_arrive(
+            &light, (struct vec3){places[i].x, places[i].y, 0}, (struct vec3){0, 0, 1}, u);
         for (int c = 0; c < 3; c++) {
             TEST_ASSERT_EQUAL_INT(c == places[i].channel, arrival.irradiance[c] > 0.5);
             TEST_ASSERT_TRUE(c == places[i].channel || arrival.irradiance[c] == 0);
@@ -197,8 +201,8 @@ static void area_lights_cast_penumbras(void)
     for (size_t i = 0; i < sizeof places / sizeof *places; i++) {
         double expected = fmin(fmax(0.5 + places[i] / 4, 0), 1), whole[3], quick[3];
         struct vec3 point = {places[i], 0, 0};
-        TEST_ASSERT_EQUAL_UINT64(400, irradiance_at(world, &light, 1, point, (struct vec3){0, 0, 1},
-                                                    400, 1, i, whole));
+        TEST_ASSERT_EQUAL_UINT64(
+            400, irradiance_at(world, &light, 1, point, (struct vec3){0, 0, 1}, 400, 1, i, whole));
         (void)irradiance_penumbra(world, &light, point, (struct vec3){0, 0, 1}, 400, 1, i, quick);
         /* 400 well spread points against an edge: better than 1 %. */
         TEST_ASSERT_DOUBLE_WITHIN(0.012, expected, whole[0]);
@@ -209,7 +213,8 @@ static void area_lights_cast_penumbras(void)
 
 static void wrapping_mirrors_or_repeats(void)
 {
-    const int mirrored[] = {2, 1, 0, 0, 1, 2, 3, 3, 2, 1, 0, 0}, repeated[] = {1, 2, 3, 0, 1, 2, 3, 0};
+    const int mirrored[] = {2, 1, 0, 0, 1, 2, 3, 3, 2, 1, 0, 0},
+              repeated[] = {1, 2, 3, 0, 1, 2, 3, 0};
     for (int i = 0; i < 12; i++) {
         TEST_ASSERT_EQUAL_INT(mirrored[i], mapping_wrap(i - 3, 4, true));
     }
@@ -242,7 +247,8 @@ static void round_mappings_are_true_on_the_equator(void)
         map_sphere(kinds[k]);
         /* The cylinder's radius is the mean distance from the axis: pi / 4 of the sphere's, about. */
         double scale = kinds[k] == MAPPING_SPHERE ? 1 : mapping.radius_mm / 10;
-        struct vec3 p = {6, 8, 0}, n = {0.6, 0.8, 0}, zero = {0, 0, 0}, e = {-0.8, 0.6, 0}, up = {0, 0, 1};
+        struct vec3 p = {6, 8, 0}, n = {0.6, 0.8, 0}, zero = {0, 0, 0}, e = {-0.8, 0.6, 0},
+                    up = {0, 0, 1};
         const double uv[2] = {0};
         (void)mapping_charts(&mapping, p, n, uv, zero, zero, here);
         (void)mapping_charts(&mapping, vec3_along(p, 0.1, e), n, uv, zero, zero, east);
@@ -250,7 +256,8 @@ static void round_mappings_are_true_on_the_equator(void)
         TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0.2 * scale, east[0].x - here[0].x);
         TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0, east[0].y - here[0].y);
         TEST_ASSERT_DOUBLE_WITHIN(1e-3, -0.2, north[0].y - here[0].y); /* rows run down */
-        TEST_ASSERT_TRUE(vec3_dot(here[0].along_x, e) > 0.3 && fabs(vec3_dot(here[0].along_x, up)) < 1e-9);
+        TEST_ASSERT_TRUE(vec3_dot(here[0].along_x, e) > 0.3 &&
+                         fabs(vec3_dot(here[0].along_x, up)) < 1e-9);
         TEST_ASSERT_TRUE(vec3_dot(here[0].along_y, up) < -0.9);
         mesh_finish(&mesh);
         mapping_finish(&mapping);
@@ -263,11 +270,12 @@ static void box_mapping_blends_between_faces(void)
     const double uv[2] = {0};
     const struct vec3 zero = {0, 0, 0};
     map_sphere(MAPPING_BOX);
-    TEST_ASSERT_EQUAL_INT(1, mapping_charts(&mapping, (struct vec3){0, 0, 10}, (struct vec3){0, 0, 1}, uv,
-                                            zero, zero, charts));
+    TEST_ASSERT_EQUAL_INT(1, mapping_charts(&mapping, (struct vec3){0, 0, 10},
+                                            (struct vec3){0, 0, 1}, uv, zero, zero, charts));
     TEST_ASSERT_EQUAL_INT(2, charts[0].chart);
     struct vec3 edge = vec3_unit((struct vec3){1, 0, 1.01});
-    TEST_ASSERT_EQUAL_INT(2, mapping_charts(&mapping, vec3_scale(edge, 10), edge, uv, zero, zero, charts));
+    TEST_ASSERT_EQUAL_INT(
+        2, mapping_charts(&mapping, vec3_scale(edge, 10), edge, uv, zero, zero, charts));
     TEST_ASSERT_EQUAL_INT(2, charts[0].chart);
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 1, charts[0].weight + charts[1].weight);
     TEST_ASSERT_DOUBLE_WITHIN(0.2, 0.5, charts[1].weight);

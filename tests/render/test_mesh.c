@@ -30,9 +30,10 @@ static double volume(void)
     double sum = 0;
     for (size_t i = 0; i < mesh.triangle_count; i++) {
         const uint32_t *t = mesh.triangles[i];
-        sum += vec3_dot(vec3_from(mesh.positions[t[0]]),
-                        vec3_cross(vec3_from(mesh.positions[t[1]]), vec3_from(mesh.positions[t[2]]))) /
-               6;
+        sum +=
+            vec3_dot(vec3_from(mesh.positions[t[0]]),
+                     vec3_cross(vec3_from(mesh.positions[t[1]]), vec3_from(mesh.positions[t[2]]))) /
+            6;
     }
     return sum;
 }
@@ -177,10 +178,11 @@ static int load(const char *text)
 
 static void a_mesh_file_is_loaded_and_scaled(void)
 {
-    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK,
-                                  load("v 0 0 0\nv 4 0 0\nv 4 2 0\nv 0 2 0\nvt 0 0\nvt 1 0\nvt 1 0.5\n"
-                                       "vt 0 0.5\nf 1/1 2/2 3/3 4/4\n"),
-                                  error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK,
+        load("v 0 0 0\nv 4 0 0\nv 4 2 0\nv 0 2 0\nvt 0 0\nvt 1 0\nvt 1 0.5\n"
+             "vt 0 0.5\nf 1/1 2/2 3/3 4/4\n"),
+        error.text);
     TEST_ASSERT_EQUAL_UINT64(2, mesh.triangle_count);
     TEST_ASSERT_EQUAL_INT(NACRE_OK, mesh_scale(&mesh, 20, "mesh", &error));
     TEST_ASSERT_DOUBLE_WITHIN(1e-4, 20, largest_extent());
@@ -245,8 +247,8 @@ static void an_index_past_the_vertices_is_refused(void)
 
 static void too_large_a_mesh_is_refused_before_it_takes_memory(void)
 {
-    TEST_ASSERT_EQUAL_INT(NACRE_FAILED,
-                          mesh_allocate(&mesh, 3, (size_t)MESH_TRIANGLES_MAXIMUM + 1, false, &error));
+    TEST_ASSERT_EQUAL_INT(
+        NACRE_FAILED, mesh_allocate(&mesh, 3, (size_t)MESH_TRIANGLES_MAXIMUM + 1, false, &error));
     TEST_ASSERT_EQUAL_INT(NACRE_FAILED,
                           mesh_allocate(&mesh, (size_t)UINT32_MAX + 1, 1, false, &error));
 }
