@@ -172,8 +172,9 @@ static int parse_options(struct parser *parser, int argc, char **argv, struct na
         if (result == '?' || result == ':' || !spec) {
             return refuse_option(parser, result, argv, error);
         }
-        if (options_set_value(spec, optarg, parser->targets[index], error) != NACRE_OK) {
-            return NACRE_FAILED;
+        int set = options_set_value(spec, optarg, parser->targets[index], error);
+        if (set != NACRE_OK) {
+            return set;
         }
         parser->given[index] = true;
     }
@@ -280,7 +281,11 @@ static int run_verb(const struct program *program, const struct verb *verb, int 
         print_error(program, verb, &error);
         return EXIT_FAILURE;
     }
-    if (options_parse(verb, argc, argv, settings, &invocation, &wants_help, &error) != NACRE_OK) {
+    int parsed = options_parse(verb, argc, argv, settings, &invocation, &wants_help, &error);
+    if (parsed == OPTIONS_OUT_OF_RANGE) {
+        print_error(program, verb, &error);
+        status = EXIT_FAILURE;
+    } else if (parsed != NACRE_OK) {
         status = wrong_usage(program, verb, &error);
     } else if (wants_help) {
         options_print_help(program, verb, stdout);

@@ -67,9 +67,13 @@ struct program {
  * --version, `help [VERB]` and, for the build, `help --man [VERB]`. */
 int options_run(const struct program *program, int argc, char **argv);
 
+/* A well-formed number that is not allowed: bad input (exit 1) rather than wrong usage (exit 2). */
+enum { OPTIONS_OUT_OF_RANGE = -3 };
+
 /* Parse one verb's arguments (argv[0] is ignored). `settings` is zeroed memory of settings_size and gets the defaults
  * first. A wrong option or value fails with a text that names it and says what would be right. `*wants_help` is set by
- * --help. argv is reordered. */
+ * --help. argv is reordered.
+ * Returns a nacre_status, or OPTIONS_OUT_OF_RANGE. */
 int options_parse(const struct verb *verb, int argc, char **argv, void *settings,
                   struct invocation *invocation, bool *wants_help, struct nacre_error *error);
 

@@ -93,7 +93,8 @@ static int refuse_range(const struct option_spec *spec, const char *text, struct
         (void)snprintf(range, sizeof range, "%s",
                        spec->kind == OPTION_INT ? "-2147483648 to 2147483647" : "at least 0");
     }
-    return nacre_fail(error, "--%s: %s is out of range: %s", spec->name, text, range);
+    (void)nacre_fail(error, "--%s: %s is out of range: %s", spec->name, text, range);
+    return OPTIONS_OUT_OF_RANGE;
 }
 
 static int set_int(const struct option_spec *spec, const char *text, int *value,

@@ -259,9 +259,9 @@ static void numbers_out_of_range_are_wrong_usage(void)
 {
     const char *scan = input("scan.exr");
     const char *out = output("out.exr");
-    REFUSES(WRONG_USAGE, "--terms", "factor", scan, "-o", out, "--terms", "0");
-    REFUSES(WRONG_USAGE, "--clusters", "factor", scan, "-o", out, "--clusters", "0");
-    REFUSES(WRONG_USAGE, "--terms", "factor", scan, "-o", out, "--terms", "-3");
+    REFUSES(FAILED, "--terms", "factor", scan, "-o", out, "--terms", "0");
+    REFUSES(FAILED, "--clusters", "factor", scan, "-o", out, "--clusters", "0");
+    REFUSES(FAILED, "--terms", "factor", scan, "-o", out, "--terms", "-3");
     REFUSES(WRONG_USAGE, "--clusters", "factor", scan, "-o", out, "--clusters", "many");
 }
 
