@@ -21,8 +21,7 @@ MAY_USE = {
 # A station file holds the settings of every driver, of the virtual ones too; they are data without code behind them.
 # The trigger board's back end speaks the firmware's protocol; nothing else of the firmware is for the host.
 EXCEPTIONS = {('rig/station.h', 'rig/virtual/settings.h'), ('rig/station.c', 'rig/virtual/settings.h'),
-              ('rig/trigger_usb.c', 'firmware/protocol.h'), ('rig/trigger_usb.h', 'firmware/protocol.h'),
-              ('rig/usb_libusb.c', 'firmware/protocol.h')}
+              ('rig/trigger_usb.c', 'firmware/protocol.h'), ('rig/trigger_usb.h', 'firmware/protocol.h')}
 # Headers from outside that a layer must do without: the public library has no OpenCL.
 OUTSIDE = {'lib/nacre': ('CL/', 'yaml.h', 'jansson.h')}
 
