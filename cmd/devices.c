@@ -1,6 +1,8 @@
 /* nacre devices: lists the devices that a computer offers. */
+#include "base/clock.h"
 #include "base/opencl.h"
 #include "cmd/verbs.h"
+#include "rig/trigger_usb.h"
 
 #include <jansson.h>
 #include <stdint.h>
@@ -35,6 +37,97 @@ static struct description describe(cl_device_id device)
     return d;
 }
 
+/* What is told of one trigger board. */
+struct board {
+    struct usb_place place;
+    struct board_status status;
+    struct nacre_error problem; /* no text: none */
+};
+
+struct boards {
+    struct board *list;
+    size_t count;
+    struct nacre_error problem; /* why there is no list; no text: there is one */
+};
+
+/* Ask the board what it has to say. */
+static void question(struct board *board)
+{
+    struct clock clock = clock_monotonic();
+    struct usb_port *port = NULL;
+    struct trigger *trigger = NULL;
+    if (usb_libusb_port(&trigger_usb_kind, board->place.name, &port, &board->problem) != NACRE_OK ||
+        trigger_usb_new(port, &clock, &trigger, &board->problem) != NACRE_OK) {
+        return;
+    }
+    /* What fails is in the text. */
+    (void)trigger_usb_status(trigger, &board->status, &board->problem);
+    trigger->ops->close(trigger);
+}
+
+/* All boards that are plugged in; the caller frees the list. A computer without USB has none. */
+static struct boards find_boards(void)
+{
+    struct boards boards = {.count = 0};
+    struct usb_place *places = NULL;
+    size_t count = 0;
+    if (usb_libusb_list(&trigger_usb_kind, &places, &count, &boards.problem) != NACRE_OK) {
+        return boards;
+    }
+    boards.list = calloc(count + 1, sizeof *boards.list);
+    boards.count = boards.list ? count : 0;
+    for (size_t i = 0; i < boards.count; i++) {
+        boards.list[i].place = places[i];
+        question(&boards.list[i]);
+    }
+    free(places);
+    return boards;
+}
+
+static void print_boards(const struct boards *boards)
+{
+    if (boards->problem.text[0] != '\0') {
+        (void)printf("Trigger boards: %s\n", boards->problem.text);
+        return;
+    }
+    if (boards->count == 0) {
+        (void)printf("Trigger boards: none\n");
+        return;
+    }
+    (void)printf("Trigger boards:\n");
+    for (size_t i = 0; i < boards->count; i++) {
+        const struct board *board = &boards->list[i];
+        if (board->problem.text[0] != '\0') {
+            (void)printf("  %s  %s\n", board->place.name, board->problem.text);
+        } else if (board->status.state & BOARD_LOCKED) {
+            (void)printf("  %s  locked to a wheel of %.3f Hz, gain %d\n", board->place.name,
+                         trigger_usb_wheel_hz(&board->status), board->status.settings.gain);
+        } else {
+            (void)printf("  %s  finds no colour wheel\n", board->place.name);
+        }
+    }
+}
+
+static json_t *boards_json(const struct boards *boards)
+{
+    json_t *list = json_array();
+    for (size_t i = 0; i < boards->count && list; i++) {
+        const struct board *board = &boards->list[i];
+        json_t *entry = json_pack("{s:s}", "place", board->place.name);
+        if (board->problem.text[0] != '\0') {
+            (void)json_object_set_new(entry, "problem", json_string(board->problem.text));
+        } else {
+            (void)json_object_set_new(entry, "locked",
+                                      json_boolean(board->status.state & BOARD_LOCKED));
+            (void)json_object_set_new(entry, "wheel_hz",
+                                      json_real(trigger_usb_wheel_hz(&board->status)));
+            (void)json_object_set_new(entry, "gain", json_integer(board->status.settings.gain));
+        }
+        (void)json_array_append_new(list, entry);
+    }
+    return list;
+}
+
 static void print_text(const cl_device_id *devices, size_t count)
 {
     if (count == 0) {
@@ -49,11 +142,12 @@ static void print_text(const cl_device_id *devices, size_t count)
     }
 }
 
-static int print_json(const cl_device_id *devices, size_t count, struct nacre_error *error)
+static int print_json(const cl_device_id *devices, size_t count, const struct boards *boards,
+                      struct nacre_error *error)
 {
     int result = NACRE_OK;
     json_t *list = json_array();
-    json_t *root = json_pack("{s:o}", "opencl", list);
+    json_t *root = json_pack("{s:o, s:o}", "opencl", list, "trigger_boards", boards_json(boards));
     for (size_t i = 0; i < count && root; i++) {
         struct description d = describe(devices[i]);
         /* A driver's text that is no UTF-8 makes packing fail, and the device is left out. */
@@ -81,11 +175,14 @@ static int run(const void *settings, const struct invocation *invocation, struct
     size_t found = opencl_list(devices, count);
     count = found < count ? found : count;
     int result = NACRE_OK;
+    struct boards boards = find_boards();
     if (invocation->json) {
-        result = print_json(devices, count, error);
+        result = print_json(devices, count, &boards, error);
     } else {
         print_text(devices, count);
+        print_boards(&boards);
     }
+    free(boards.list);
     free(devices);
     return result;
 }
@@ -93,8 +190,9 @@ static int run(const void *settings, const struct invocation *invocation, struct
 const struct verb verb_devices = {
     .name = "devices",
     .operands = "",
-    .summary = "list OpenCL devices",
+    .summary = "list OpenCL devices and trigger boards",
     .text = "Prints the number, name, kind, compute units, memory and OpenCL version of every "
-            "device that computing can run on.",
+            "device that computing can run on; and of every trigger board its place on the USB "
+            "and the colour wheel that it is locked to, or why it cannot be used.",
     .run = run,
 };

@@ -38,6 +38,36 @@ static void drop(struct usb_trigger *trigger)
     }
 }
 
+static int control(const struct usb_trigger *trigger, uint8_t type, uint8_t request, uint16_t value,
+                   void *data, uint16_t size)
+{
+    struct usb *usb = trigger->usb;
+    return usb ? usb->ops->control(usb, type, request, value, data, size, TRANSFER_MS) : USB_GONE;
+}
+
+/* A bulk transfer; a stalled endpoint has been cleared and is tried again. */
+static int send_packet(const struct usb_trigger *trigger, const void *data, int size)
+{
+    int moved = USB_STALL;
+    for (int try = 0; try < TRIES && moved == USB_STALL; try++) {
+        moved = trigger->usb
+                    ? trigger->usb->ops->out(trigger->usb, trigger->out, data, size, TRANSFER_MS)
+                    : USB_GONE;
+    }
+    return moved;
+}
+
+static int receive_packet(const struct usb_trigger *trigger, void *data, int size, int timeout_ms)
+{
+    int moved = USB_STALL;
+    for (int try = 0; try < TRIES && moved == USB_STALL; try++) {
+        moved = trigger->usb
+                    ? trigger->usb->ops->in(trigger->usb, trigger->in, data, size, timeout_ms)
+                    : USB_GONE;
+    }
+    return moved;
+}
+
 /* Fail for a transfer that came to `result`. */
 static int fail_transfer(struct usb_trigger *trigger, int result, const char *what,
                          struct nacre_error *error)
@@ -78,8 +108,7 @@ static int get_status(struct usb_trigger *trigger, struct board_status *status,
                       struct nacre_error *error)
 {
     uint8_t bytes[PACKET] = {0};
-    int size = trigger->usb->ops->control(trigger->usb, 0xc0, BOARD_GET_STATUS, 0, bytes,
-                                          sizeof bytes, TRANSFER_MS);
+    int size = control(trigger, 0xc0, BOARD_GET_STATUS, 0, bytes, sizeof bytes);
     if (size < 0) {
         return fail_transfer(trigger, size, "its status", error);
     }
@@ -100,16 +129,11 @@ static int get_status(struct usb_trigger *trigger, struct board_status *status,
     return NACRE_OK;
 }
 
-/* One command; a stalled endpoint has been cleared and is tried again. */
 static int send(struct usb_trigger *trigger, uint8_t kind, uint16_t turns,
                 struct nacre_error *error)
 {
     struct board_command command = {.command = kind, .id = trigger->id, .turns = turns};
-    int moved = USB_STALL;
-    for (int try = 0; try < TRIES && moved == USB_STALL; try++) {
-        moved = trigger->usb->ops->out(trigger->usb, trigger->out, &command, sizeof command,
-                                       TRANSFER_MS);
-    }
+    int moved = send_packet(trigger, &command, sizeof command);
     if (moved >= 0 && moved < (int)sizeof command) {
         moved = USB_BROKEN;
     }
@@ -120,10 +144,7 @@ static int send(struct usb_trigger *trigger, uint8_t kind, uint16_t turns,
 static int receive(struct usb_trigger *trigger, struct board_event events[4], int timeout_ms)
 {
     uint8_t bytes[PACKET];
-    int moved = USB_STALL;
-    for (int try = 0; try < TRIES && moved == USB_STALL; try++) {
-        moved = trigger->usb->ops->in(trigger->usb, trigger->in, bytes, sizeof bytes, timeout_ms);
-    }
+    int moved = receive_packet(trigger, bytes, sizeof bytes, timeout_ms);
     if (moved == USB_TIMEOUT) {
         return 0;
     }
@@ -164,8 +185,7 @@ static int connect(struct usb_trigger *trigger, int wait_ms, struct nacre_error 
         trigger->usb = NULL;
         return result;
     }
-    int size =
-        trigger->usb->ops->control(trigger->usb, 0x80, 6, 0x0200, bytes, sizeof bytes, TRANSFER_MS);
+    int size = control(trigger, 0x80, 6, 0x0200, bytes, sizeof bytes);
     if (size < 0) {
         result = fail_transfer(trigger, size, "its descriptors", error);
         goto out;
@@ -243,7 +263,7 @@ static int host_time(struct usb_trigger *trigger, uint64_t stamp, int64_t *time_
 {
     int64_t shortest = INT64_MAX;
     for (int i = 0; i < SYNCS; i++) {
-        struct board_status status;
+        struct board_status status = {.protocol = 0};
         int64_t before = clock_now_ns(trigger->clock);
         int result = get_status(trigger, &status, error);
         if (result != NACRE_OK) {
@@ -253,7 +273,7 @@ static int host_time(struct usb_trigger *trigger, uint64_t stamp, int64_t *time_
         if (after - before < shortest) {
             uint64_t ago = (board_get48(status.now) - stamp) & ((UINT64_C(1) << 48) - 1);
             shortest = after - before;
-            *time_ns = before + shortest / 2 - (int64_t)((double)ago * 1e9 / status.tick_hz);
+            *time_ns = before + shortest / 2 - (int64_t)((double)ago * 1e9 / (double)BOARD_TICK_HZ);
         }
     }
     return NACRE_OK;
@@ -338,8 +358,8 @@ static int fire(struct trigger *base, int64_t exposure_ns, int64_t *trigger_ns,
                 struct nacre_error *error)
 {
     struct usb_trigger *trigger = (struct usb_trigger *)base;
-    struct board_status status;
-    uint16_t turns = 0;
+    struct board_status status = {.protocol = 0};
+    uint16_t turns = 1;
     int result = connect(trigger, REPLUG_MS, error);
     if (result != NACRE_OK) {
         return result;
@@ -374,52 +394,52 @@ static void trigger_close(struct trigger *base)
     free(trigger);
 }
 
-int trigger_usb_new(struct usb_port *port, struct clock *clock, struct trigger **result,
+int trigger_usb_new(struct usb_port *port, struct clock *clock, struct trigger **trigger,
                     struct nacre_error *error)
 {
     static const struct trigger_ops ops = {.name = "usb", .fire = fire, .close = trigger_close};
     int status = NACRE_OK;
-    struct usb_trigger *trigger = calloc(1, sizeof *trigger);
-    if (!trigger) {
+    struct usb_trigger *made = calloc(1, sizeof *made);
+    if (!made) {
         port->ops->close(port);
         return nacre_fail_memory(error, "a trigger");
     }
-    *trigger = (struct usb_trigger){.base = {.ops = &ops}, .port = port, .clock = clock};
-    status = connect(trigger, 0, error);
+    *made = (struct usb_trigger){.base = {.ops = &ops}, .port = port, .clock = clock};
+    status = connect(made, 0, error);
     if (status != NACRE_OK) {
         goto out;
     }
-    *result = &trigger->base;
-    trigger = NULL;
+    *trigger = &made->base;
+    made = NULL;
 out:
-    if (trigger) {
-        trigger_close(&trigger->base);
+    if (made) {
+        trigger_close(&made->base);
     }
     return status;
 }
 
-int trigger_usb_status(struct trigger *base, struct board_status *status, struct nacre_error *error)
+int trigger_usb_status(struct trigger *trigger, struct board_status *status,
+                       struct nacre_error *error)
 {
-    struct usb_trigger *trigger = (struct usb_trigger *)base;
-    int result = connect(trigger, REPLUG_MS, error);
-    return result == NACRE_OK ? get_status(trigger, status, error) : result;
+    struct usb_trigger *board = (struct usb_trigger *)trigger;
+    int result = connect(board, REPLUG_MS, error);
+    return result == NACRE_OK ? get_status(board, status, error) : result;
 }
 
-int trigger_usb_set(struct trigger *base, const struct board_settings *settings,
+int trigger_usb_set(struct trigger *trigger, const struct board_settings *settings,
                     struct nacre_error *error)
 {
-    struct usb_trigger *trigger = (struct usb_trigger *)base;
+    struct usb_trigger *board = (struct usb_trigger *)trigger;
     struct board_settings bytes = *settings;
-    int result = connect(trigger, REPLUG_MS, error);
+    int result = connect(board, REPLUG_MS, error);
     if (result != NACRE_OK) {
         return result;
     }
-    int size = trigger->usb->ops->control(trigger->usb, 0x40, BOARD_SET_SETTINGS, 0, &bytes,
-                                          sizeof bytes, TRANSFER_MS);
+    int size = control(board, 0x40, BOARD_SET_SETTINGS, 0, &bytes, sizeof bytes);
     if (size == USB_STALL) {
         return nacre_fail(
             error, "trigger board: refuses gain %d and coasting over %d turns; gains are %d to %d",
             settings->gain, settings->coast, BOARD_GAIN_MIN, BOARD_GAIN_MAX);
     }
-    return size < 0 ? fail_transfer(trigger, size, "its settings", error) : NACRE_OK;
+    return size < 0 ? fail_transfer(board, size, "its settings", error) : NACRE_OK;
 }

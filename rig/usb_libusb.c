@@ -320,36 +320,36 @@ static int plugged_in(libusb_context *context, libusb_device *device, libusb_hot
     return 0;
 }
 
-int usb_libusb_port(const struct usb_kind *kind, const char *place, struct usb_port **result,
+int usb_libusb_port(const struct usb_kind *kind, const char *place, struct usb_port **port,
                     struct nacre_error *error)
 {
     static const struct usb_port_ops ops = {.open = port_open, .close = port_close};
     int status = NACRE_OK;
-    struct port *port = calloc(1, sizeof *port);
-    if (!port) {
+    struct port *made = calloc(1, sizeof *made);
+    if (!made) {
         return nacre_fail_memory(error, "a USB port");
     }
-    port->base.ops = &ops;
-    port->kind = *kind;
+    made->base.ops = &ops;
+    made->kind = *kind;
     if (place) {
-        (void)snprintf(port->place.name, sizeof port->place.name, "%s", place);
+        (void)snprintf(made->place.name, sizeof made->place.name, "%s", place);
     }
-    int code = libusb_init(&port->context);
+    int code = libusb_init(&made->context);
     if (code != 0) {
-        port->context = NULL;
+        made->context = NULL;
         status = fail_libusb(error, code, "USB");
         goto out;
     }
-    port->watching =
+    made->watching =
         libusb_has_capability(LIBUSB_CAP_HAS_HOTPLUG) &&
-        libusb_hotplug_register_callback(port->context, LIBUSB_HOTPLUG_EVENT_DEVICE_ARRIVED, 0,
+        libusb_hotplug_register_callback(made->context, LIBUSB_HOTPLUG_EVENT_DEVICE_ARRIVED, 0,
                                          kind->vendor, kind->product, LIBUSB_HOTPLUG_MATCH_ANY,
-                                         plugged_in, NULL, &port->watch) == 0;
-    *result = &port->base;
-    port = NULL;
+                                         plugged_in, NULL, &made->watch) == 0;
+    *port = &made->base;
+    made = NULL;
 out:
-    if (port) {
-        port_close(&port->base);
+    if (made) {
+        port_close(&made->base);
     }
     return status;
 }

@@ -121,7 +121,9 @@ static int port_open(struct usb_port *port, int wait_ms, struct usb **usb, struc
         return nacre_fail(e, "trigger board: none is plugged in");
     }
     *usb = calloc(1, sizeof **usb);
-    TEST_ASSERT_NOT_NULL(*usb);
+    if (!*usb) {
+        return nacre_fail_memory(e, "a device");
+    }
     (*usb)->ops = &ops;
     bus.opened++;
     return NACRE_OK;
@@ -405,6 +407,22 @@ static void settings_are_set_and_refused(void)
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 30, trigger_usb_wheel_hz(&status));
 }
 
+/* udev grants access to the very device that the board says it is. */
+static void the_udev_rule_names_the_board(void)
+{
+    char text[4096] = {0};
+    char expected[128];
+    FILE *file = fopen(UDEV_RULES, "r");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_TRUE(fread(text, 1, sizeof text - 1, file) > 0);
+    (void)fclose(file);
+    (void)snprintf(expected, sizeof expected,
+                   "ATTR{idVendor}==\"%04x\", ATTR{idProduct}==\"%04x\", ATTR{product}==\"%s\"",
+                   BOARD_VENDOR_ID, BOARD_PRODUCT_ID, BOARD_PRODUCT);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, expected), expected);
+    TEST_ASSERT_NOT_NULL(strstr(text, "MODE=\"0660\""));
+}
+
 int main(int argc, char **argv)
 {
     if (argc != 2) {
@@ -429,5 +447,6 @@ int main(int argc, char **argv)
     RUN_TEST(says_that_the_board_was_reset);
     RUN_TEST(an_exposure_of_an_earlier_program_is_ended);
     RUN_TEST(settings_are_set_and_refused);
+    RUN_TEST(the_udev_rule_names_the_board);
     return UNITY_END();
 }

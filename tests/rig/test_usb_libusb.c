@@ -37,6 +37,8 @@ static struct {
     int lists, freed_lists, contexts, handles, claims, cleared, waits;
 } bus;
 
+/* libusb's own signatures, with shorter names. */
+/* NOLINTBEGIN(readability-inconsistent-declaration-parameter-name,readability-non-const-parameter) */
 int libusb_init(libusb_context **context)
 {
     *context = &the_context;
@@ -201,6 +203,8 @@ int libusb_handle_events_timeout_completed(libusb_context *context, struct timev
     bus.waits++;
     return 0;
 }
+
+/* NOLINTEND(readability-inconsistent-declaration-parameter-name,readability-non-const-parameter) */
 
 static struct nacre_error error;
 static struct usb_port *port;
