@@ -256,8 +256,10 @@ void appearance_albedo(const struct appearance *appearance, bool mirror, float *
                 for (int u = -half; u <= half; u++) {
                     int column = mapping_wrap(x - u, width, mirror);
                     int row = mapping_wrap(y - v, height, mirror);
-                    add_response(appearance, (size_t)row * (size_t)width + (size_t)column, xo,
-                                 (size_t)(u + half + 1), (size_t)(v + half + 1), sum);
+                    size_t xi = (size_t)row * (size_t)width + (size_t)column;
+                    size_t across = (size_t)u + (size_t)half + 1; /* of the padded window */
+                    size_t down = (size_t)v + (size_t)half + 1;
+                    add_response(appearance, xi, xo, across, down, sum);
                 }
             }
             for (size_t c = 0; c < 3; c++) {

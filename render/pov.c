@@ -4,25 +4,22 @@
 #include "nacre/whole_file.h"
 
 #include <errno.h>
-#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 
 enum { AREA_LIGHTS = 9 }; /* on a side; 2^3 + 1, as `adaptive` wants */
 
-static char *join(const char *folder, const char *format, ...)
-    __attribute__((format(printf, 2, 3)));
-
-/* FOLDER/NAME on the heap, or NULL. */
-static char *join(const char *folder, const char *format, ...)
+/* Paths in the folder, on the heap; NULL when memory ran out. */
+static char *main_path(const char *folder)
 {
-    char name[64];
     char *path = NULL;
-    va_list arguments;
-    va_start(arguments, format);
-    (void)vsnprintf(name, sizeof name, format, arguments);
-    va_end(arguments);
-    return asprintf(&path, "%s/%s", folder, name) < 0 ? NULL : path;
+    return asprintf(&path, "%s/" POV_MAIN, folder) < 0 ? NULL : path;
+}
+
+static char *part_path(const char *folder, const char *name, size_t number, const char *ending)
+{
+    char *path = NULL;
+    return asprintf(&path, "%s/%s-%zu.%s", folder, name, number, ending) < 0 ? NULL : path;
 }
 
 static void put_vector(FILE *file, struct vec3 v)
@@ -286,7 +283,7 @@ static int write_object(const char *folder, const struct pov_object *object, siz
                         double exposure, struct nacre_error *error)
 {
     struct output output;
-    int status = output_open(&output, join(folder, "object-%zu.inc", number), error);
+    int status = output_open(&output, part_path(folder, "object", number, "inc"), error);
     if (status == NACRE_OK) {
         put_object(output.file, object, number, exposure);
     }
@@ -297,7 +294,7 @@ static int write_main(const char *folder, const struct scene *scene, const struc
                       const struct pov_object *objects, struct nacre_error *error)
 {
     struct output output;
-    int status = output_open(&output, join(folder, POV_MAIN), error);
+    int status = output_open(&output, main_path(folder), error);
     if (status == NACRE_OK) {
         FILE *file = output.file;
         (void)fprintf(file,
@@ -325,7 +322,7 @@ int pov_write(const char *folder, const struct scene *scene, const struct light 
     }
     for (size_t i = 0; status == NACRE_OK && i < scene->light_count; i++) {
         if (lights[i].kind == LIGHT_PROJECTOR) {
-            char *path = join(folder, "slide-%zu.exr", i);
+            char *path = part_path(folder, "slide", i, "exr");
             status = path ? picture_write(path, &lights[i].slide, NULL, error)
                           : nacre_fail_memory(error, "the name of a POV-Ray file");
             free(path);

@@ -14,8 +14,6 @@
 #include <time.h>
 #include <unistd.h>
 
-extern char **environ;
-
 enum { LOOK_NS = 20000000 };
 
 /* Start povray in `folder` with all it says going to povray.log there. */
@@ -23,15 +21,15 @@ static int start(const char *folder, int width, int height, bool baked, pid_t *p
                  struct nacre_error *error)
 {
     char w[16], h[16], threads[24];
-    long processors = sysconf(_SC_NPROCESSORS_ONLN);
+    long online = sysconf(_SC_NPROCESSORS_ONLN), most = 64;
+    long processors = online < 1 ? 1 : online > most ? most : online;
     (void)snprintf(w, sizeof w, "+W%d", width);
     (void)snprintf(h, sizeof h, "+H%d", height);
-    (void)snprintf(threads, sizeof threads, "+WT%ld",
-                   processors < 1    ? 1
-                   : processors > 64 ? 64
-                                     : processors);
+    (void)snprintf(threads, sizeof threads, "+WT%ld", processors);
+    static const char input[] = "+I" POV_MAIN;
+    static const char own[] = "Declare=" POV_BAKED "=1", povrays[] = "Declare=" POV_BAKED "=0";
     const char *const arguments[] = {"povray",
-                                     "+I" POV_MAIN,
+                                     input,
                                      "+Opicture.exr",
                                      "+FE",
                                      "+A0.1",
@@ -43,7 +41,7 @@ static int start(const char *folder, int width, int height, bool baked, pid_t *p
                                      w,
                                      h,
                                      threads,
-                                     baked ? "Declare=" POV_BAKED "=1" : "Declare=" POV_BAKED "=0",
+                                     baked ? own : povrays,
                                      NULL};
     posix_spawn_file_actions_t actions;
     int number = posix_spawn_file_actions_init(&actions);
@@ -65,8 +63,29 @@ static int start(const char *folder, int width, int height, bool baked, pid_t *p
                : nacre_fail_errno(error, number, "cannot run povray (Debian: apt install povray)");
 }
 
+/* The share of the pixels that povray says it has rendered. */
+static double rendered(int log)
+{
+    char text[200] = "";
+    double done = 0, total = 0;
+    off_t size = lseek(log, 0, SEEK_END);
+    off_t from = size > (off_t)sizeof text ? size - (off_t)sizeof text + 1 : 0;
+    if (size > 0 && pread(log, text, sizeof text - 1, from) > 0) {
+        for (const char *at = text; (at = strstr(at, "Rendered ")) != NULL; at++) {
+            char *end = NULL;
+            double pixels = strtod(at + strlen("Rendered "), &end);
+            if (strncmp(end, " of ", 4) == 0) {
+                done = pixels;
+                total = strtod(end + 4, NULL);
+            }
+        }
+    }
+    return total > 0 ? done / total : 0;
+}
+
 /* Wait for the process to end and pass on its status; end it when the user asks to stop. */
-static int wait_for(pid_t pid, struct progress *progress, int *result, struct nacre_error *error)
+static int wait_for(pid_t pid, int log, struct progress *progress, int *result,
+                    struct nacre_error *error)
 {
     for (;;) {
         struct timespec look = {.tv_nsec = LOOK_NS};
@@ -77,7 +96,7 @@ static int wait_for(pid_t pid, struct progress *progress, int *result, struct na
         if (ended < 0 && errno != EINTR) {
             return nacre_fail_errno(error, errno, "cannot wait for povray");
         }
-        int stopped = progress_step(progress, 0, 1, NULL, error);
+        int stopped = progress_step(progress, rendered(log), 1, NULL, error);
         if (stopped != NACRE_OK) {
             (void)kill(pid, SIGTERM);
             (void)waitpid(pid, result, 0);
@@ -87,16 +106,14 @@ static int wait_for(pid_t pid, struct progress *progress, int *result, struct na
     }
 }
 
-/* The lines of povray.log that tell of an error, or its last lines; one line in `text`. */
-static void read_message(const char *folder, char *text, size_t size)
+/* What povray.log says of an error, or its last line; one line in `text`. */
+static void read_message(int log, char *text, size_t size)
 {
-    char *path = NULL, line[512];
-    char last[512] = "it said nothing";
+    char line[512], last[512] = "it said nothing";
     size_t used = 0;
-    FILE *file = asprintf(&path, "%s/povray.log", folder) < 0 ? NULL : fopen(path, "r");
+    FILE *file = lseek(log, 0, SEEK_SET) == 0 ? fdopen(dup(log), "r") : NULL;
     while (file && fgets(line, sizeof line, file)) {
-        char *end = line + strcspn(line, "\r\n");
-        *end = '\0';
+        line[strcspn(line, "\r\n")] = '\0';
         if (*line) {
             memcpy(last, line, sizeof last);
         }
@@ -111,32 +128,42 @@ static void read_message(const char *folder, char *text, size_t size)
     if (file) {
         (void)fclose(file);
     }
-    free(path);
 }
 
 int povray_render(const char *folder, int width, int height, bool baked, struct progress *progress,
                   struct picture *picture, struct nacre_error *error)
 {
-    pid_t pid;
-    int result;
-    char *path = NULL, message[512];
-    int status = start(folder, width, height, baked, &pid, error);
-    status = status == NACRE_OK ? wait_for(pid, progress, &result, error) : status;
-    if (status != NACRE_OK) {
-        return status;
+    pid_t pid = 0;
+    int result = 0, log = -1, status = NACRE_FAILED;
+    char *log_path = NULL, *picture_path = NULL, message[512];
+    *picture = (struct picture){0};
+    if (asprintf(&log_path, "%s/povray.log", folder) < 0 ||
+        asprintf(&picture_path, "%s/picture.exr", folder) < 0) {
+        log_path = picture_path = NULL; /* undefined where asprintf failed */
+        (void)nacre_fail_memory(error, "the names of povray's files");
+        goto out;
     }
-    if (!WIFEXITED(result) || WEXITSTATUS(result) != 0) {
-        read_message(folder, message, sizeof message);
-        return nacre_fail(error, "povray failed: %s", message);
+    if (start(folder, width, height, baked, &pid, error) != NACRE_OK) {
+        goto out;
     }
-    if (asprintf(&path, "%s/picture.exr", folder) < 0) {
-        return nacre_fail_memory(error, "the name of povray's picture");
+    log = open(log_path, O_RDONLY | O_CLOEXEC); /* without it there is no bar and no message */
+    status = wait_for(pid, log, progress, &result, error);
+    if (status == NACRE_OK && (!WIFEXITED(result) || WEXITSTATUS(result) != 0)) {
+        read_message(log, message, sizeof message);
+        status = nacre_fail(error, "povray failed: %s", message);
     }
-    status = picture_read(path, picture, error);
-    free(path);
+    if (status == NACRE_OK) {
+        status = picture_read(picture_path, picture, error);
+    }
     if (status == NACRE_OK && (picture->width != width || picture->height != height)) {
         picture_finish(picture);
         status = nacre_fail(error, "povray made a picture of another size than was asked for");
     }
+out:
+    if (log >= 0) {
+        (void)close(log);
+    }
+    free(log_path);
+    free(picture_path);
     return status;
 }

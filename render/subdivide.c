@@ -163,10 +163,10 @@ static int split_round(struct mesh *mesh, const struct edge_map *map, size_t new
     return NACRE_OK;
 }
 
-int mesh_subdivide(struct mesh *mesh, mesh_edge_rule *allowed_mm, const void *context, size_t limit,
+int mesh_subdivide(struct mesh *mesh, mesh_edge_rule *rule, const void *context, size_t limit,
                    bool *limited, struct nacre_error *error)
 {
-    const struct rule rule = {allowed_mm, context};
+    const struct rule limits = {rule, context};
     int status = NACRE_OK;
     *limited = false;
     while (status == NACRE_OK) {
@@ -181,7 +181,7 @@ int mesh_subdivide(struct mesh *mesh, mesh_edge_rule *allowed_mm, const void *co
             status = nacre_fail_memory(error, "splitting the edges of a mesh");
             new_triangles = 0;
         } else {
-            plan_round(mesh, &rule, &map, &new_vertices, &new_triangles);
+            plan_round(mesh, &limits, &map, &new_vertices, &new_triangles);
             *limited = new_triangles > 0 && mesh->triangle_count + new_triangles > limit;
             if (new_triangles > 0 && !*limited) {
                 status = split_round(mesh, &map, new_vertices, new_triangles, error);

@@ -40,44 +40,44 @@ static int add_mesh(struct world *world, const struct mesh *mesh, unsigned id,
     return check_device(world->device, error);
 }
 
-int world_new(const struct mesh *const *meshes, size_t count, struct world **out,
+int world_new(const struct mesh *const *meshes, size_t count, struct world **world,
               struct nacre_error *error)
 {
     int status = NACRE_FAILED;
-    struct world *world = calloc(1, sizeof *world);
+    struct world *made = calloc(1, sizeof *made);
     struct vec3 centre;
     double radius;
-    *out = NULL;
-    if (!world) {
+    *world = NULL;
+    if (!made) {
         return nacre_fail_memory(error, "the scene's surfaces");
     }
     world_sphere(meshes, count, &centre, &radius);
-    world->device = rtcNewDevice("threads=0");
-    if (!world->device) {
+    made->device = rtcNewDevice("threads=0");
+    if (!made->device) {
         (void)nacre_fail(error, "Embree cannot start (error %d)", (int)rtcGetDeviceError(NULL));
         goto out;
     }
-    world->scene = rtcNewScene(world->device);
-    rtcSetSceneFlags(world->scene, RTC_SCENE_FLAG_ROBUST);
+    made->scene = rtcNewScene(made->device);
+    rtcSetSceneFlags(made->scene, RTC_SCENE_FLAG_ROBUST);
     for (size_t i = 0; i < count; i++) {
-        if (add_mesh(world, meshes[i], (unsigned)i, error) != NACRE_OK) {
+        if (add_mesh(made, meshes[i], (unsigned)i, error) != NACRE_OK) {
             goto out;
         }
         /* A few rounding steps of the coordinates; more would leak light past contacts. */
         for (size_t v = 0; v < meshes[i]->vertex_count; v++) {
             double size = vec3_length(vec3_from(meshes[i]->positions[v]));
-            world->lift_mm = fmax(world->lift_mm, size * 2e-6);
+            made->lift_mm = fmax(made->lift_mm, size * 2e-6);
         }
     }
-    rtcCommitScene(world->scene);
-    if (check_device(world->device, error) != NACRE_OK) {
+    rtcCommitScene(made->scene);
+    if (check_device(made->device, error) != NACRE_OK) {
         goto out;
     }
-    *out = world;
-    world = NULL;
+    *world = made;
+    made = NULL;
     status = NACRE_OK;
 out:
-    world_free(world);
+    world_free(made);
     return status;
 }
 

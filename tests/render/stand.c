@@ -55,8 +55,9 @@ struct mesh stand_grid(int columns, int rows, double point_mm)
         NACRE_OK, mesh_allocate(&mesh, w * h, 2 * (w - 1) * (h - 1), true, &error), error.text);
     for (size_t i = 0; i < w * h; i++) {
         /* Rows of the material run down, y of the scene up. */
-        mesh.positions[i][0] = (float)(((double)(i % w) + 0.5) * point_mm);
-        mesh.positions[i][1] = (float)(-((double)(i / w) + 0.5) * point_mm);
+        size_t x = i % w, y = i / w;
+        mesh.positions[i][0] = (float)(((double)x + 0.5) * point_mm);
+        mesh.positions[i][1] = (float)(-((double)y + 0.5) * point_mm);
         mesh.positions[i][2] = 0;
         mesh.normals[i][2] = 1;
         mesh.uv[i][0] = mesh.positions[i][0];
@@ -178,8 +179,7 @@ struct nacre_material stand_even_material(int size, int window, double reach, do
     TEST_ASSERT_EQUAL_INT_MESSAGE(
         NACRE_OK, nacre_material_allocate(&material, false, false, &error), error.text);
     for (int i = 0; i < window * window; i++) {
-        double x = i % window - (window - 1) / 2.0,
-               y = (i - i % window) / window - (window - 1) / 2.0;
+        int x = i % window - window / 2, y = i / window - window / 2;
         material.kernels[i] = (float)exp(-hypot(x, y) / reach);
         sum += material.kernels[i];
     }

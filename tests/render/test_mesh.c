@@ -100,6 +100,11 @@ static void texture_coordinates_of_shapes_are_in_mm(void)
     TEST_ASSERT_DOUBLE_WITHIN(0.01 * area, area, mesh_area_mm2(&mesh));
 }
 
+static bool same_place(const float a[3], const float b[3])
+{
+    return a[0] == b[0] && a[1] == b[1] && a[2] == b[2];
+}
+
 /* Edges of a closed mesh have two triangles; vertices at the same place count as one. */
 static int open_edges(void)
 {
@@ -112,8 +117,7 @@ static int open_edges(void)
             for (size_t j = 0; j < mesh.triangle_count * 3 && !found; j++) {
                 const float *c = mesh.positions[mesh.triangles[j / 3][j % 3]];
                 const float *d = mesh.positions[mesh.triangles[j / 3][(j + 1) % 3]];
-                found = memcmp(a, d, sizeof *mesh.positions) == 0 &&
-                        memcmp(b, c, sizeof *mesh.positions) == 0;
+                found = same_place(a, d) && same_place(b, c);
             }
             open += !found;
         }

@@ -89,7 +89,8 @@ static void check_ground(size_t count)
         double sum[3] = {0};
         for (size_t l = 0; l < count; l++) {
             for (int k = 0; k < 1024; k++) {
-                const double u[2] = {(k % 32 + 0.5) / 32, ((k - k % 32) / 32 + 0.5) / 32};
+                int column = k % 32, row = k / 32;
+                const double u[2] = {(column + 0.5) / 32, (row + 0.5) / 32};
                 struct light_arrival arrival =
                     light_arrive(&lights[l], place_of(x, y), (struct vec3){0, 0, 1}, u);
                 for (int c = 0; c < 3; c++) {
@@ -147,8 +148,8 @@ static void a_projected_picture_lands_where_it_should(void)
     TEST_ASSERT_EQUAL_INT(NACRE_OK, picture_allocate(&slide, 64, 64, &error));
     for (int i = 0; i < 64 * 64 * 3; i++) {
         /* Smooth, and different along x, along y and in each colour. */
-        slide.rgb[i] =
-            0.2F + 0.01F * (float)(i / 3 % 64) + (i % 3 == 1 ? 0.02F * (float)(i / 192) : 0);
+        int column = i / 3 % 64, row = i / 192;
+        slide.rgb[i] = 0.2F + 0.01F * (float)column + (i % 3 == 1 ? 0.02F * (float)row : 0);
     }
     char *file = strdup(scratch_path("slide.exr"));
     TEST_ASSERT_EQUAL_INT(NACRE_OK, picture_write(file, &slide, NULL, &error));
@@ -287,7 +288,8 @@ static void fails_with(const char *text, const char *why)
 
 static void set_path(const char *value)
 {
-    path = strdup(getenv("PATH"));
+    const char *before = getenv("PATH");
+    path = strdup(before ? before : "");
     (void)setenv("PATH", value, 1);
 }
 
