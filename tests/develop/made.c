@@ -86,7 +86,7 @@ void made_light(const struct made_station *station, const uint8_t *levels, bool 
     int width = station->width;
     int height = station->height;
     int points = width * height;
-    int reach = (int)ceil(16 * station->reach);
+    int reach = (int)ceil(10 * station->reach); /* 5e-5 of the middle is left */
     for (int i = 0; i < 3 * points; i++) {
         int channel = i / points;
         double irradiance = levels[i % points] ? 1 : station->black;

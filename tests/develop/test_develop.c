@@ -232,10 +232,16 @@ static void hide(enum pattern_kind kind, int count, bool away)
     }
 }
 
+/* Put frames that hold one value in the place of those of a kind, or the true ones back. */
 static void fill(enum pattern_kind kind, int count, int value)
 {
-    for (int n = 0; n < count; n++) {
-        made_measure(&station, session_path, (struct pattern){kind, n}, value);
+    if (value >= 0) {
+        hide(kind, count, true);
+        for (int n = 0; n < count; n++) {
+            made_measure(&station, session_path, (struct pattern){kind, n}, value);
+        }
+    } else {
+        hide(kind, count, false);
     }
 }
 
@@ -331,9 +337,9 @@ static void frames_that_say_nothing_are_refused(void)
 
 static void saturated_points_are_not_measured(void)
 {
-    made_measure(&station, session_path, (struct pattern){PATTERN_GRID, 0}, 1023);
+    fill(PATTERN_GRID, 1, 1023);
     struct develop_report report = develop(&usual);
-    made_measure(&station, session_path, (struct pattern){PATTERN_GRID, 0}, -1);
+    fill(PATTERN_GRID, 1, -1);
     TEST_ASSERT_EQUAL_UINT(20 * 16, report.responses);
     TEST_ASSERT_TRUE(report.missing_entries > 3 * 9 * 16);
     TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1.0 / GRIDS, report.saturated_share);
