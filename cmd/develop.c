@@ -26,12 +26,12 @@ static const struct option_spec develop_options[] = {
     {.name = "demosaic",
      .kind = OPTION_CHOICE,
      .words = demosaic_names,
-     .fallback = "fit",
+     .fallback = "auto",
      .offset = offsetof(struct develop_settings, demosaic),
      .sentence =
-         "how pixels become surface points: least squares over what each pixel sees, the mean of "
-         "the "
-         "pixels of a colour by area, or full colour by Malvar, He and Cutler and then that mean"},
+         "how pixels become surface points: fit (least squares over the mixtures that pixels see), "
+         "area (the mean of a colour's pixels), malvar (that mean after demosaicing by Malvar, He "
+         "and Cutler), or auto: fit where the frames agree with it, else malvar"},
     {.name = "black",
      .kind = OPTION_CHOICE,
      .words = black_mode_names,
@@ -72,10 +72,11 @@ static json_t *seconds_json(const struct develop_report *report)
 static json_t *geometry_json(const struct develop_report *report)
 {
     const struct align_report *align = &report->align;
-    return json_pack("{s:I, s:I, s:I, s:o, s:o, s:o}", "dots", (json_int_t)align->dots, "matched",
-                     (json_int_t)align->matched, "rejected", (json_int_t)align->rejected, "rms_px",
-                     real(align->rms_px), "worst_px", real(align->worst_px), "pixels_per_point",
-                     real(report->pixels_per_point));
+    return json_pack("{s:s, s:o, s:I, s:I, s:I, s:o, s:o, s:o}", "demosaic",
+                     demosaic_names[report->demosaic], "misfit", real(report->misfit), "dots",
+                     (json_int_t)align->dots, "matched", (json_int_t)align->matched, "rejected",
+                     (json_int_t)align->rejected, "rms_px", real(align->rms_px), "worst_px",
+                     real(align->worst_px), "pixels_per_point", real(report->pixels_per_point));
 }
 
 static json_t *pixels_json(const struct develop_report *report)
@@ -128,7 +129,11 @@ static void print_text(const char *output, const struct develop_report *report)
         "%-12s %zu of %zu dots, %zu rejected; %.3f px RMS, %.3f px at worst; %.2f px a point\n",
         "geometry", align->matched, align->dots, align->rejected, align->rms_px, align->worst_px,
         report->pixels_per_point);
-    (void)printf("%-12s %zu dead, %zu not linear, %zu noisy", "pixels", pixels->dead,
+    (void)printf("%-12s %s", "demosaic", demosaic_names[report->demosaic]);
+    if (isfinite(report->misfit)) {
+        (void)printf(" (frames and fit disagree by %.2g %%)", 100 * report->misfit);
+    }
+    (void)printf("\n%-12s %zu dead, %zu not linear, %zu noisy", "pixels", pixels->dead,
                  pixels->nonlinear, pixels->noisy);
     if (isfinite(pixels->deviation)) {
         (void)printf("; exposures within %.2g %% of proportion", 100 * pixels->deviation);
@@ -169,13 +174,17 @@ const struct verb verb_develop = {
     .name = "develop",
     .operands = "SESSION -o SCAN",
     .summary = "make responses of a session's frames",
-    .text = "Merges the raw exposures of every pattern, takes the black level off, divides by the "
-            "white frames, "
-            "maps camera pixels to surface points by the dots patterns, and cuts out the response "
-            "of each lit point. "
-            "Patterns that were not measured leave responses of NaN, which are counted.\n\n"
-            "The calibration frames in the session's folder are all used; without any of one kind "
-            "developing fails.",
+    .text =
+        "Merges the raw exposures of every pattern, takes the black level off, divides by the "
+        "white frames, "
+        "maps camera pixels to surface points by the dots patterns, and cuts out the response "
+        "of each lit point. "
+        "Patterns that were not measured leave responses of NaN, which are counted.\n\n"
+        "--demosaic=fit is exact where light is even over each surface point and the camera sharp, "
+        "as with the virtual station; where light changes within points or is blurred, malvar is "
+        "nearer. auto asks four grids.\n\n"
+        "The calibration frames in the session's folder are all used; without any of one kind "
+        "developing fails.",
     .operand_minimum = 1,
     .operand_maximum = 1,
     .options = develop_options,

@@ -11,7 +11,15 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { NOISE_FRAMES = 4 }; /* black frames developed like grids to see their noise */
+enum {
+    NOISE_FRAMES = 4,  /* black frames developed like grids to see their noise */
+    MISFIT_FRAMES = 4, /* grids that decide how pixels become points */
+};
+
+/* The largest misfit at which the fit is used. The virtual station's sharp camera stays below 0.03. Light that is blurred
+ * by a tenth of a point exceeds it, and Malvar is nearer (tests/develop/test_resample.c). A lens out of focus by a
+ * pixel exceeds it too, though the fit would still be nearer: the misfit cannot tell the two. */
+static const double misfit_limit = 0.1;
 
 /* Everything that the visitors of black and grid frames need. */
 struct development {
@@ -25,6 +33,7 @@ struct development {
     double squares; /* of the entries of developed black frames */
     size_t entries;
     size_t saturated, pixels;
+    struct misfit misfit;
 };
 
 static double now_seconds(void)
@@ -80,6 +89,30 @@ static int take_grid(void *state, const struct merged *merged, const float *resu
     return NACRE_OK;
 }
 
+static int work_misfit(void *state, const struct merged *merged, float *result,
+                       struct nacre_error *error)
+{
+    const struct development *development = state;
+    struct misfit misfit = {0, 0};
+    black_level_subtract(&development->calibration->black, merged->radiance);
+    int status = resampler_add_misfit(development->resampler, merged->radiance, merged->variance,
+                                      &misfit, error);
+    result[0] = (float)misfit.unexplained;
+    result[1] = (float)misfit.all;
+    return status;
+}
+
+static int take_misfit(void *state, const struct merged *merged, const float *result,
+                       struct nacre_error *error)
+{
+    struct development *development = state;
+    (void)merged;
+    (void)error;
+    development->misfit.unexplained += (double)result[0];
+    development->misfit.all += (double)result[1];
+    return NACRE_OK;
+}
+
 static int check_grids(const struct session *session, struct nacre_error *error)
 {
     const struct plan *plan = &session->plan;
@@ -93,7 +126,7 @@ static int check_grids(const struct session *session, struct nacre_error *error)
 }
 
 static void describe(const struct session *session, const struct develop_options *options,
-                     int channels, struct nacre_scan_info *info)
+                     enum demosaic demosaic, int channels, struct nacre_scan_info *info)
 {
     *info = (struct nacre_scan_info){.width = session->station.sample.width,
                                      .height = session->station.sample.height,
@@ -103,7 +136,50 @@ static void describe(const struct session *session, const struct develop_options
                                      .compress = options->store == NACRE_HALF,
                                      .pitch_mm = session->station.sample.pitch_mm};
     (void)snprintf(info->source, sizeof info->source, "nacre develop --demosaic=%s --black=%s",
-                   demosaic_names[options->demosaic], black_mode_names[options->black]);
+                   demosaic_names[demosaic], black_mode_names[options->black]);
+}
+
+static int make_resampler(struct development *development, enum demosaic demosaic,
+                          struct nacre_error *error)
+{
+    const struct calibration *calibration = development->calibration;
+    const struct station_sample *sample = &development->session->station.sample;
+    resampler_free(development->resampler);
+    development->resampler = NULL;
+    return resampler_new(&calibration->flat, &calibration->map, sample->width, sample->height,
+                         demosaic, &development->resampler, error);
+}
+
+/* Ask some grids whether they agree with the fit, and make the resampler that this speaks for. */
+static int choose_resampler(struct development *development, enum demosaic wanted,
+                            struct visit_progress *progress, struct develop_report *report,
+                            struct nacre_error *error)
+{
+    int visited;
+    int missing;
+    struct visitor visitor = {
+        .state = development, .result_size = 2, .work = work_misfit, .take = take_misfit};
+    enum demosaic mean =
+        development->calibration->flat.channels == 1 ? DEMOSAIC_AREA : DEMOSAIC_MALVAR;
+    report->demosaic = wanted;
+    report->misfit = NAN;
+    if (wanted != DEMOSAIC_AUTO) {
+        return make_resampler(development, wanted, error);
+    }
+    int status = make_resampler(development, DEMOSAIC_FIT, error);
+    if (status != NACRE_OK) {
+        return status;
+    }
+    status = visit_patterns(development->session, PATTERN_GRID, MISFIT_FRAMES,
+                            &development->calibration->noise, &visitor, progress, &visited,
+                            &missing, error);
+    if (status != NACRE_OK) {
+        return status;
+    }
+    struct misfit misfit = development->misfit;
+    report->misfit = misfit.all > 0 ? sqrt(fmax(misfit.unexplained, 0) / misfit.all) : NAN;
+    report->demosaic = report->misfit > misfit_limit ? mean : DEMOSAIC_FIT;
+    return report->demosaic == DEMOSAIC_FIT ? NACRE_OK : make_resampler(development, mean, error);
 }
 
 /* What one entry of R_d scatters by: black frames developed as if they were grids. They had their part in the mean
@@ -223,7 +299,7 @@ static double count_patterns(const struct session *session)
             total += session_has(session, (struct pattern){(enum pattern_kind)kind, n}) ? 1 : 0;
         }
     }
-    return total + NOISE_FRAMES;
+    return total + NOISE_FRAMES + MISFIT_FRAMES;
 }
 
 int develop_session(const char *session_path, const struct develop_options *options,
@@ -248,14 +324,12 @@ int develop_session(const char *session_path, const struct develop_options *opti
     if (status != NACRE_OK) {
         goto out;
     }
-    describe(&session, options, calibration.flat.channels, &development.info);
     double mapped = now_seconds();
-    status =
-        resampler_new(&calibration.flat, &calibration.map, development.info.width,
-                      development.info.height, options->demosaic, &development.resampler, error);
+    status = choose_resampler(&development, options->demosaic, &visits, &own, error);
     if (status != NACRE_OK) {
         goto out;
     }
+    describe(&session, options, own.demosaic, calibration.flat.channels, &development.info);
     status = measure_noise(&development, &visits, &own.noise, error);
     if (status != NACRE_OK) {
         goto out;

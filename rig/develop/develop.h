@@ -21,15 +21,18 @@ struct develop_report {
     int width, height, window, channels;
     int patterns, missing_patterns; /* grids */
     int white_frames, black_frames, dots_frames;
-    size_t responses;        /* measured */
-    size_t missing_entries;  /* inside the sample, of measured responses: NaN */
-    double saturated_share;  /* of the grid frames' pixels, at every exposure */
-    double black_level;      /* median, raw units a second */
-    double frame_noise;      /* median deviation of one merged black frame, raw units a second */
-    double noise;            /* deviation of an entry of a response without light: of R_d */
-    double centre;           /* mean entry of the lit points themselves */
-    double rim_share;        /* of a response's energy, on the rim of its window */
-    double overlap;          /* of a response's energy, estimated to fall outside its window */
+    size_t responses;       /* measured */
+    size_t missing_entries; /* inside the sample, of measured responses: NaN */
+    double saturated_share; /* of the grid frames' pixels, at every exposure */
+    double black_level;     /* median, raw units a second */
+    double frame_noise;     /* median deviation of one merged black frame, raw units a second */
+    double noise;           /* deviation of an entry of a response without light: of R_d */
+    double centre;          /* mean entry of the lit points themselves */
+    double rim_share;       /* of a response's energy, on the rim of its window */
+    double overlap;         /* of a response's energy, estimated to fall outside its window */
+    enum demosaic demosaic; /* that was used */
+    double
+        misfit; /* of frames and the fit's premise, relative, 0 to 1; NaN where it was not asked */
     double pixels_per_point; /* camera pixels along a surface point in the middle */
     struct linearity_report linearity;
     struct align_report align;

@@ -21,7 +21,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-const char *const demosaic_names[] = {"fit", "area", "malvar", NULL};
+const char *const demosaic_names[] = {"auto", "fit", "area", "malvar", NULL};
 
 /* The pixels that tell of one colour. */
 struct colour {
@@ -253,6 +253,49 @@ int resampler_apply(const struct resampler *resampler, const float *radiance, fl
     }
 out:
     free(planes);
+    sums_finish(&sums);
+    return status;
+}
+
+/* What the fit leaves of the listed pixels' quotients of light and white, weighted by white as in the fit; of noise it
+ * leaves the share that points do not use up. */
+static void add_residuals(const struct resampler *r, const struct colour *colour,
+                          const float *radiance, const float *variance, const struct sums *sums,
+                          struct misfit *misfit)
+{
+    const struct footprints *f = &r->footprints;
+    double left = 1 - fmin((double)r->points / (double)(colour->count + 1), 1);
+    for (size_t i = 0; i < colour->count; i++) {
+        double weight = (double)sums->weight[i];
+        size_t pixel = colour->pixels[i];
+        if (weight > 0) {
+            double quotient = (double)radiance[pixel] / weight;
+            double mixture = 0;
+            for (size_t k = f->start[pixel]; k < f->start[pixel + 1]; k++) {
+                mixture += (double)f->share[k] * sums->x[f->points[k]];
+            }
+            misfit->unexplained += weight * (quotient - mixture) * (quotient - mixture) -
+                                   left * (double)variance[pixel] / weight;
+            misfit->all += weight * quotient * quotient - (double)variance[pixel] / weight;
+        }
+    }
+}
+
+int resampler_add_misfit(const struct resampler *resampler, const float *radiance,
+                         const float *variance, struct misfit *misfit, struct nacre_error *error)
+{
+    const struct resampler *r = resampler;
+    struct sums sums = {0};
+    int status = sums_init(&sums, r, error);
+    for (int c = 0; status == NACRE_OK && c < r->channels; c++) {
+        const struct colour *colour = &r->colours[c];
+        sum_up(r, colour, radiance, &sums);
+        status = fit_solve(&r->footprints, colour->pixels, sums.weight, colour->count, r->points,
+                           sums.light, sums.x, error);
+        if (status == NACRE_OK) {
+            add_residuals(r, colour, radiance, variance, &sums, misfit);
+        }
+    }
     sums_finish(&sums);
     return status;
 }

@@ -9,8 +9,12 @@
 #include <stddef.h>
 
 enum demosaic {
+    /* Fit where the session's frames agree with what it takes for granted, Malvar (area without colours) elsewhere. Not
+     * for a resampler: develop_session decides. */
+    DEMOSAIC_AUTO,
     /* The least-squares solution of what the pixels of a colour say of the points they see, each pixel that straddles
-     * points being the mixture of them. No interpolation, and no blur where light falls off steeply. */
+     * points being the mixture of them. Exact, without interpolation or blur, where light is even over each point and
+     * the camera sharp; poor where light changes within points or a blur of half a pixel hides their edges. */
     DEMOSAIC_FIT,
     /* Each point takes the mean of the pixels of a colour that see it, weighted by the share that they see. */
     DEMOSAIC_AREA,
@@ -20,6 +24,12 @@ enum demosaic {
 
 /* Words in the order of the enum, NULL-terminated. */
 extern const char *const demosaic_names[];
+
+/* How well a frame agrees with light that is even over each point; zero-initialised it is empty. */
+struct misfit {
+    double unexplained,
+        all; /* sums of squares over pixels, what noise explains taken off the first */
+};
 
 struct resampler;
 
@@ -38,5 +48,9 @@ size_t resampler_size(const struct resampler *resampler);
  * not measured. A point of which less than half of the pixels are left is NaN. Several threads may use one resampler. */
 int resampler_apply(const struct resampler *resampler, const float *radiance, float *reflected,
                     struct nacre_error *error);
+
+/* Add a frame with the variance of its pixels to the misfit. The resampler is one for DEMOSAIC_FIT. */
+int resampler_add_misfit(const struct resampler *resampler, const float *radiance,
+                         const float *variance, struct misfit *misfit, struct nacre_error *error);
 
 #endif

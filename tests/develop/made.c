@@ -122,9 +122,10 @@ static double view(const struct made_station *station, const float *radiosity, i
     const float *plane = radiosity + (ptrdiff_t)channel * station->width * station->height;
     double sum = 0;
     for (int k = 0; k < PLACES * PLACES; k++) {
-        double u = px + (k % PLACES + 0.5) / PLACES;
+        double across = 1 + station->blur_px;
+        double u = px + 0.5 + ((k % PLACES + 0.5) / PLACES - 0.5) * across;
         int row = k / PLACES;
-        double v = py + (row + 0.5) / PLACES;
+        double v = py + 0.5 + ((row + 0.5) / PLACES - 0.5) * across;
         double w = determinant_w[0] * u + determinant_w[1] * v + determinant_w[2];
         double x = (determinant_x[0] * u + determinant_x[1] * v + determinant_x[2]) / w;
         double y = (determinant_y[0] * u + determinant_y[1] * v + determinant_y[2]) / w;

@@ -24,6 +24,7 @@ struct made_station {
     double map[9];                          /* surface to camera, row by row */
     double gain[3];     /* raw units a second of a pixel full of radiosity 1, before vignetting */
     double vignetting;  /* loss in the camera's corners */
+    double blur_px;     /* the lens spreads light over so many pixels more than one */
     double black;       /* irradiance of a dark projector pixel; of a lit one it is 1 */
     double reach;       /* decay length of the material, surface points */
     double white[3];    /* reflectance of the white layer */

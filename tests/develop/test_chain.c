@@ -184,7 +184,7 @@ static void scan_without_noise_is_exact_but_for_the_virtual_camera(void)
     double scale;
     scan(silent, 0, 1.5);
     simulate();
-    struct develop_report report = develop(DEMOSAIC_FIT);
+    struct develop_report report = develop(DEMOSAIC_AUTO);
     /* The virtual camera knows how a pixel's view is shared between points from 8 x 8 places: a share is off by 0.02 to
      * 0.04, and the pixels that straddle points are some 40 % of all. With 48 x 48 places the same scan is within
      * 0.1 %. Light from neighbours' tails adds 0.3 % to sums, hardly anything to the norm. */
@@ -192,6 +192,8 @@ static void scan_without_noise_is_exact_but_for_the_virtual_camera(void)
     TEST_ASSERT_DOUBLE_WITHIN(0.006, 1, scale);
     TEST_ASSERT_TRUE(fabs(scale - 1) < report.overlap);
     TEST_ASSERT_DOUBLE_WITHIN(0.02, 0, report.align.rms_px);
+    TEST_ASSERT_EQUAL_INT(DEMOSAIC_FIT, report.demosaic);
+    TEST_ASSERT_TRUE(report.misfit < 0.03);
     TEST_ASSERT_EQUAL_UINT(WIDTH * HEIGHT, report.responses);
     TEST_ASSERT_EQUAL_UINT(0, report.missing_entries);
 }
@@ -201,7 +203,7 @@ static void scan_with_noise_and_fall_off_is_within_its_budget(void)
     double scale;
     scan(noisy, 0.2, 1.5);
     simulate();
-    struct develop_report report = develop(DEMOSAIC_FIT);
+    struct develop_report report = develop(DEMOSAIC_AUTO);
     /* To the above come the shot noise of the lit points (0.13 of a white that nearly fills the range, over exposures of
      * 1 and 4 turns: some 20,000 electrons in a colour, 0.7 %) and the projector's fall-off between x_i and x_o (0.3 %);
      * they add in squares: 1.1 %. */
@@ -231,7 +233,7 @@ static void camera_upside_down_gives_the_same_scan(void)
     double scale;
     scan(noisy, 0.2, -178);
     simulate();
-    (void)develop(DEMOSAIC_FIT);
+    (void)develop(DEMOSAIC_AUTO);
     TEST_ASSERT_DOUBLE_WITHIN(0.013, 0, compare(&scale));
 }
 

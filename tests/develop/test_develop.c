@@ -19,7 +19,7 @@ static const char plan_text[] = "seed: 5\nblack_frames: 10\nwhite_frames: 3\ndot
                                 "exposure_turns: [1, 4, 16, 64]\n";
 enum { SPACING = 7, WINDOW = 7, GRIDS = SPACING * SPACING };
 
-static const struct develop_options usual = {BLACK_SUBTRACT, 0.99, DEMOSAIC_FIT, NACRE_FLOAT};
+static const struct develop_options usual = {BLACK_SUBTRACT, 0.99, DEMOSAIC_AUTO, NACRE_FLOAT};
 static struct made_station station;
 static char *folder, *session_path, *scan_path;
 static struct nacre_error error;
@@ -147,6 +147,9 @@ static void developed_scan_is_close_to_the_exact_responses(void)
     TEST_ASSERT_EQUAL_UINT(1, report.linearity.dead);
     TEST_ASSERT_EQUAL_UINT(0, report.linearity.nonlinear);
     TEST_ASSERT_DOUBLE_WITHIN(0.1, 4.4, report.pixels_per_point);
+    /* A sharp camera: what is left are the 8 x 8 places. */
+    TEST_ASSERT_EQUAL_INT(DEMOSAIC_FIT, report.demosaic);
+    TEST_ASSERT_DOUBLE_WITHIN(0.04, 0, report.misfit);
     TEST_ASSERT_DOUBLE_WITHIN(0.002, 0, report.linearity.deviation);
 }
 
@@ -390,6 +393,27 @@ static void camera_without_colours_gives_one_channel(void)
     station = colour;
 }
 
+static void frames_that_disagree_with_the_fit_go_by_malvar(void)
+{
+    struct made_station sharp = station;
+    char *kept = session_path;
+    char *other = made_folder();
+    station.blur_px = 1.2;
+    session_path = made_session(&station, other, plan_text);
+    struct develop_report report = develop(&usual);
+    TEST_ASSERT_TRUE(report.misfit > 0.1);
+    TEST_ASSERT_EQUAL_INT(DEMOSAIC_MALVAR, report.demosaic);
+    struct develop_options options = usual;
+    options.demosaic = DEMOSAIC_FIT;
+    report = develop(&options);
+    TEST_ASSERT_EQUAL_INT(DEMOSAIC_FIT, report.demosaic);
+    TEST_ASSERT_TRUE(isnan(report.misfit));
+    free(session_path);
+    made_folder_remove(other);
+    session_path = kept;
+    station = sharp;
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -413,6 +437,7 @@ int main(void)
     RUN_TEST(saturated_points_are_not_measured);
     RUN_TEST(what_is_no_session_is_refused);
     RUN_TEST(output_that_cannot_be_written_is_refused);
+    RUN_TEST(frames_that_disagree_with_the_fit_go_by_malvar);
     RUN_TEST(camera_without_colours_gives_one_channel);
     free(session_path);
     free(scan_path);

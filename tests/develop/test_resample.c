@@ -233,7 +233,7 @@ static void even_surface_comes_out_even_under_vignetting(void)
 
 static void fit_recovers_what_area_blurs(void)
 {
-    double errors[3];
+    double errors[DEMOSAIC_MALVAR + 1];
     for (int demosaic = DEMOSAIC_FIT; demosaic <= DEMOSAIC_MALVAR; demosaic++) {
         make_flat(NULL);
         make_resampler((enum demosaic)demosaic);
@@ -250,6 +250,121 @@ static void fit_recovers_what_area_blurs(void)
     /* A quarter of a point's pixels straddle: area loses some 15 % of a spot to its neighbours. */
     TEST_ASSERT_TRUE(errors[DEMOSAIC_AREA] > 0.03 * 0.1);
     TEST_ASSERT_TRUE(errors[DEMOSAIC_MALVAR] > 0.03 * 0.1);
+}
+
+struct light {
+    double blur; /* deviation, points, of the light of a lit point; the rest is a tail */
+    double tail; /* share of it */
+};
+
+/* A square of light one point wide, blurred. */
+static double blurred(double x, double blur)
+{
+    return 0.5 * (erf((x + 0.5) / blur / sqrt(2)) - erf((x - 0.5) / blur / sqrt(2)));
+}
+
+/* One lit point every 12. */
+static double light_at(struct light light, double x, double y)
+{
+    double dx = fmod(x + 12, 12) - 6.5;
+    double dy = fmod(y + 12, 12) - 6.5;
+    return 0.2 * (1 - light.tail) * blurred(dx, light.blur) * blurred(dy, light.blur) +
+           0.3 * light.tail * exp(-sqrt(dx * dx + dy * dy + 0.04) / 0.7);
+}
+
+/* Mean of the light over the image under `back` of the unit square at (x, y); NULL: over the square itself. */
+static double mean_light(struct light light, const struct homography *back, int x, int y)
+{
+    enum { ACROSS = 12 };
+    double sum = 0;
+    for (int k = 0; k < ACROSS * ACROSS; k++) {
+        int row = k / ACROSS;
+        struct point p = {x + (k % ACROSS + 0.5) / ACROSS, y + (row + 0.5) / ACROSS};
+        p = back ? homography_apply(back, p) : p;
+        bool inside = p.x >= 0 && p.y >= 0 && p.x < station.width && p.y < station.height;
+        sum += inside ? light_at(light, p.x, p.y) : 0;
+    }
+    return sum / (ACROSS * ACROSS);
+}
+
+/* The frame of that light, and in radiosity its means over the points. */
+static void show_light(struct light light)
+{
+    struct homography back;
+    TEST_ASSERT_TRUE(homography_invert(&map, &back));
+    for (size_t i = 0; i < pixels; i++) {
+        int x = (int)i % station.camera_width;
+        int y = (int)i / station.camera_width;
+        double dx = 2 * (x + 0.5) / station.camera_width - 1;
+        double dy = 2 * (y + 0.5) / station.camera_height - 1;
+        frame[i] = (float)(mean_light(light, &back, x, y) *
+                           station.gain[bayer_channel(station.bayer, x, y)] *
+                           (1 - station.vignetting * (dx * dx + dy * dy) / 2));
+    }
+    for (size_t i = 0; i < 3 * points; i++) {
+        int p = (int)(i % points);
+        radiosity[i] = (float)mean_light(light, NULL, p % station.width, p / station.width);
+    }
+}
+
+/* Relative errors of the three ways; returns the misfit. */
+static double compare_ways(struct light light, double errors[3])
+{
+    struct misfit misfit = {0, 0};
+    for (int way = 0; way < 3; way++) {
+        make_flat(NULL);
+        make_resampler((enum demosaic)(DEMOSAIC_FIT + way));
+        show_light(light);
+        TEST_ASSERT_EQUAL_INT(NACRE_OK, resampler_apply(resampler, frame, reflected, &error));
+        double all = 0;
+        for (size_t i = 0; i < 3 * points; i++) {
+            all += (double)radiosity[i] * (double)radiosity[i];
+        }
+        errors[way] = rms_error() / sqrt(all / (double)(3 * points));
+        if (way == 0) {
+            float *variance = calloc(pixels, sizeof *variance);
+            TEST_ASSERT_EQUAL_INT(
+                NACRE_OK, resampler_add_misfit(resampler, frame, variance, &misfit, &error));
+            free(variance);
+        }
+        flat_finish(&flat);
+        resampler_free(resampler);
+        resampler = NULL;
+    }
+    return sqrt(misfit.unexplained / misfit.all);
+}
+
+static void misfit_tells_where_the_fit_is_the_nearest(void)
+{
+    /* Even over the points but for a trace of blur: the fit is within a per cent, the means lose the sixth part. */
+    double errors[3];
+    double misfit = compare_ways((struct light){0.02, 0}, errors);
+    TEST_ASSERT_TRUE(misfit < 0.02);
+    TEST_ASSERT_TRUE(errors[0] < 0.02 && errors[1] > 0.1 && errors[2] > 0.1);
+    /* Blurred by a third of a point, with a tail that falls within points: the opposite. */
+    misfit = compare_ways((struct light){0.3, 0.3}, errors);
+    TEST_ASSERT_TRUE(misfit > 0.2);
+    TEST_ASSERT_TRUE(errors[2] < 0.02 && errors[0] > 0.1);
+}
+
+static void misfit_leaves_noise_out(void)
+{
+    struct made_random random = {41};
+    struct misfit misfit = {0, 0};
+    float *variance = calloc(pixels, sizeof *variance);
+    make_flat(NULL);
+    make_resampler(DEMOSAIC_FIT);
+    show_spots();
+    for (size_t i = 0; i < pixels; i++) {
+        double deviation = 0.01 * station.gain[1];
+        frame[i] += (float)(deviation * made_normal(&random));
+        variance[i] = (float)(deviation * deviation);
+    }
+    TEST_ASSERT_EQUAL_INT(NACRE_OK,
+                          resampler_add_misfit(resampler, frame, variance, &misfit, &error));
+    /* The noise has a tenth of the energy of the spots; it is known to 1 % from 32,000 pixels. */
+    TEST_ASSERT_TRUE(fabs(misfit.unexplained) < 0.01 * misfit.all);
+    free(variance);
 }
 
 static void every_mosaic_is_understood(void)
@@ -336,6 +451,8 @@ int main(void)
     RUN_TEST(fit_agrees_with_dense_elimination);
     RUN_TEST(even_surface_comes_out_even_under_vignetting);
     RUN_TEST(fit_recovers_what_area_blurs);
+    RUN_TEST(misfit_tells_where_the_fit_is_the_nearest);
+    RUN_TEST(misfit_leaves_noise_out);
     RUN_TEST(every_mosaic_is_understood);
     RUN_TEST(unmeasured_pixels_do_not_spread);
     RUN_TEST(defect_pixels_are_not_used);
