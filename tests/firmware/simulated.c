@@ -149,6 +149,11 @@ struct simulated *simulated_new(const char *elf)
                             see_handler, simulated);
     avr_irq_register_notify(avr_io_getirq(avr, AVR_IOCTL_USB_GETIRQ(), USB_IRQ_ATTACH), see_attach,
                             simulated);
+    for (uint32_t i = 0; i < firmware.symbolcount; i++) {
+        if (strcmp(firmware.symbol[i]->symbol, "overflows") == 0) {
+            simulated->overflows = firmware.symbol[i]->addr & 0xffff;
+        }
+    }
     free(firmware.flash);
     for (int ms = 0; ms < 100 && !simulated->attached; ms++) {
         simulated_run(simulated, CYCLES_PER_SECOND / 1000);
@@ -186,6 +191,16 @@ void simulated_run(struct simulated *simulated, double cycles)
             return;
         }
     }
+}
+
+bool simulated_set_clock(struct simulated *simulated, uint64_t ticks)
+{
+    uint32_t overflows = (uint32_t)(ticks >> 16);
+    if (simulated->overflows < RAM_FIRST) {
+        return false;
+    }
+    memcpy(simulated->avr->data + simulated->overflows, &overflows, sizeof overflows);
+    return true;
 }
 
 int simulated_ram(const struct simulated *simulated)

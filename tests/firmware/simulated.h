@@ -40,6 +40,7 @@ struct simulated {
     size_t edge_count;
     uint64_t handler_began,
         longest_handler; /* cycles from an interrupt's first instruction to its last */
+    unsigned overflows;  /* address of the firmware's count of timer overflows */
     bool attached, unplugged;
 };
 
@@ -54,6 +55,10 @@ void simulated_run(struct simulated *simulated, double cycles);
 
 /* Start the wheel (or another one): its first turn begins now. */
 void simulated_turn(struct simulated *simulated, struct wheel wheel);
+
+/* Make the board's clock show about `ticks`, a multiple of 2^16, as if it had run so long. False where the firmware has
+ * no such clock. */
+bool simulated_set_clock(struct simulated *simulated, uint64_t ticks);
 
 /* Bytes of RAM that are in use at the worst moment so far: variables and the deepest stack. */
 int simulated_ram(const struct simulated *simulated);

@@ -305,6 +305,35 @@ static void abort_takes_the_pin_low_at_once_at_any_moment(void)
     }
 }
 
+/* Exposures before, across and after the moment at which the board's clock wraps, at 32 and at 48 bits. */
+static void exposures_are_exact_while_the_clock_wraps(void)
+{
+    const int bits[] = {32, 48};
+    for (int i = 0; i < 2; i++) {
+        /* The wrap comes 1000 overflows of 4.096 ms later, in the middle of the exposures: after 123 turns. */
+        TEST_ASSERT_TRUE(
+            simulated_set_clock(board, (UINT64_C(1) << bits[i]) - UINT64_C(1000) * 65536));
+        memset(&told, 0, sizeof told);
+        board->edge_count = 0;
+        board->turn_count = 0;
+        simulated_turn(board, (struct wheel){.period = PERIOD, .seed = 13});
+        settle(100);
+        expose(20, 1, 0, 3000);
+        uint64_t mask = (UINT64_C(1) << bits[i]) - 1;
+        TEST_ASSERT_TRUE((told.fall[19] & mask) < (told.rise[0] & mask));
+        TEST_ASSERT_EQUAL_INT(0, told.unlocks + told.lost + told.late);
+        for (int k = 0; k < 20; k++) {
+            uint64_t length = (told.fall[k] - told.rise[k]) & ((UINT64_C(1) << 48) - 1);
+            TEST_ASSERT_DOUBLE_WITHIN(1, PERIOD, (double)length);
+            TEST_ASSERT_DOUBLE_WITHIN(
+                3, PERIOD, (double)(board->edges[2 * k + 1].cycle - board->edges[2 * k].cycle));
+        }
+        simulated_turn(board, (struct wheel){.stopped = true});
+        settle(20);
+        listen(1000, 10);
+    }
+}
+
 static void index_pulses_are_told_on_request(void)
 {
     struct board_event events[4];
@@ -371,6 +400,7 @@ int main(int argc, char **argv)
     RUN_TEST(a_wheel_that_spins_up_is_locked_in_the_end);
     RUN_TEST(a_wheel_that_stops_ends_the_exposure_and_is_reported);
     RUN_TEST(abort_takes_the_pin_low_at_once_at_any_moment);
+    RUN_TEST(exposures_are_exact_while_the_clock_wraps);
     RUN_TEST(index_pulses_are_told_on_request);
     RUN_TEST(flash_ram_and_interrupts_stay_within_their_limits);
     return UNITY_END();
