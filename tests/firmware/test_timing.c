@@ -356,6 +356,46 @@ static void index_pulses_are_told_on_request(void)
     }
 }
 
+/* The next index event's stamp. */
+static uint64_t next_index(void)
+{
+    static struct board_event events[4];
+    static int count;
+    static int at;
+    do {
+        if (at >= count) {
+            at = 0;
+            count = simulated_in(board, 0x82, events, sizeof events, 200) / (int)sizeof *events;
+            TEST_ASSERT_TRUE_MESSAGE(count > 0, "no index event");
+        }
+    } while (events[at++].event != BOARD_INDEX);
+    return board_get48(events[at - 1].stamp);
+}
+
+/* The timer's 16 bits overflow just when a pulse comes, whose stamp must be neither one overflow short nor one too far:
+ * each pulse comes one cycle later against the overflow than the one before. */
+static void pulses_at_the_overflow_are_stamped_right(void)
+{
+    const double eight = 8 * 65536;
+    set(BOARD_GAIN_DEFAULT, BOARD_REPORT_INDEX);
+    simulated_turn(board, (struct wheel){.period = eight, .seed = 14});
+    (void)next_index();
+    uint64_t stamp = next_index();
+    double overflow = board->turns[1] - (double)(stamp & 0xffff);
+    simulated_turn(board, (struct wheel){.period = eight + 1, .seed = 14});
+    board->turn_at = overflow + eight * 4 - 100;
+    (void)next_index();
+    uint64_t last = next_index();
+    TEST_ASSERT_TRUE((last & 0xffff) > 0xff80);
+    for (int i = 0; i < 200; i++) {
+        stamp = next_index();
+        /* The simulator may be 3 cycles late. */
+        TEST_ASSERT_INT_WITHIN(3, 8 * 65536 + 1, (int)(stamp - last));
+        last = stamp;
+    }
+    TEST_ASSERT_TRUE((last & 0xffff) < 0x80);
+}
+
 /* Limits of the issue; the chip has twice as much flash and RAM of 2560 bytes. A hundred cycles of latency would still
  * be harmless, as edges are made by hardware; what counts is that 2000 wake-ups and 250 pulses a second leave time. */
 static void flash_ram_and_interrupts_stay_within_their_limits(void)
@@ -402,6 +442,7 @@ int main(int argc, char **argv)
     RUN_TEST(abort_takes_the_pin_low_at_once_at_any_moment);
     RUN_TEST(exposures_are_exact_while_the_clock_wraps);
     RUN_TEST(index_pulses_are_told_on_request);
+    RUN_TEST(pulses_at_the_overflow_are_stamped_right);
     RUN_TEST(flash_ram_and_interrupts_stay_within_their_limits);
     return UNITY_END();
 }
