@@ -1,60 +1,22 @@
 /* Seconds per iteration of the multiplicative updates, against OpenBLAS sgemm and a plain OpenMP program in one run. */
 #include "peer.h"
+#include "timing.h"
 
 #include "factor/layout.h"
 #include "factor/random.h"
 #include "factor/update.h"
 
-#include "base/clock.h"
-
-#include <cblas.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <time.h>
 
-enum { ROUNDS = 7, SGEMM_SIZE = 1536 };
+enum { ROUNDS = 7 };
 
 struct shape {
     const char *name;
     int width, height, window, terms, clusters;
 };
-
-/* A moment in wall time and in processor time of the whole process. */
-struct moment {
-    double wall, processor;
-};
-
-static struct moment now(void)
-{
-    struct clock clock = clock_monotonic();
-    struct timespec time;
-    (void)clock_gettime(CLOCK_PROCESS_CPUTIME_ID, &time);
-    return (struct moment){(double)clock_now_ns(&clock) * 1e-9,
-                           (double)time.tv_sec + (double)time.tv_nsec * 1e-9};
-}
-
-static struct moment since(struct moment start)
-{
-    struct moment end = now();
-    return (struct moment){end.wall - start.wall, end.processor - start.processor};
-}
-
-static void fail(const char *text)
-{
-    (void)fprintf(stderr, "%s\n", text);
-    exit(EXIT_FAILURE);
-}
-
-static void *allocate(size_t bytes)
-{
-    void *memory = calloc(1, bytes);
-    if (!memory) {
-        fail("no memory");
-    }
-    return memory;
-}
 
 /* Exponential fall-offs with 1 % noise; the kernel gets the fall-off itself. */
 static float *make_responses(const struct shape *s, float *kernel)
@@ -75,46 +37,16 @@ static float *make_responses(const struct shape *s, float *kernel)
     return responses;
 }
 
-static double entries_inside(const struct shape *s)
-{
-    double columns = 0, rows = 0;
-    for (int d = -(s->window / 2); d <= s->window / 2; d++) {
-        columns += fmax(0, s->width - abs(d));
-        rows += fmax(0, s->height - abs(d));
-    }
-    return columns * rows;
-}
-
-static struct moment time_sgemm(const float *a, const float *b, float *c)
-{
-    struct moment start = now();
-    cblas_sgemm(CblasRowMajor, CblasNoTrans, CblasNoTrans, SGEMM_SIZE, SGEMM_SIZE, SGEMM_SIZE, 1, a,
-                SGEMM_SIZE, b, SGEMM_SIZE, 0, c, SGEMM_SIZE);
-    return since(start);
-}
-
 static struct moment time_iteration(struct method *method, bool with_objective)
 {
     struct nacre_error error = {0};
     double objective = 0;
-    struct moment start = now();
+    struct moment start = timing_now();
     if (method->ops->step(method, 0, with_objective ? &objective : NULL, &error) != NACRE_OK ||
         update_wait(method, &error) != NACRE_OK) {
         fail(error.text);
     }
-    return since(start);
-}
-
-static int compare_doubles(const void *a, const void *b)
-{
-    double difference = *(const double *)a - *(const double *)b;
-    return difference < 0 ? -1 : difference > 0;
-}
-
-static double median(double *values, int count)
-{
-    qsort(values, (size_t)count, sizeof *values, compare_doubles);
-    return values[count / 2];
+    return timing_since(start);
 }
 
 static double time_peer(const struct shape *s, const float *responses, const float *kernel)
@@ -132,10 +64,10 @@ static double time_peer(const struct shape *s, const float *responses, const flo
         peer.f[i] = (float)random_uniform(1, i);
         peer.h[i] = (float)random_uniform(2, i);
     }
-    struct moment start = now();
+    struct moment start = timing_now();
     peer_update(&peer, false);
     peer_update(&peer, true);
-    double seconds = since(start).wall;
+    double seconds = timing_since(start).wall;
     free(peer.f);
     free(peer.h);
     return seconds;
@@ -167,41 +99,36 @@ static void load(struct responses *responses, const struct shape *s, const float
 /* Rounds of sgemm and one iteration in turns, so that both meet the same load. */
 static void compare(const struct shape *s, struct method *method, double peer)
 {
-    size_t count = (size_t)SGEMM_SIZE * SGEMM_SIZE;
-    float *a = allocate(count * sizeof *a), *b = allocate(count * sizeof *b);
-    float *c = allocate(count * sizeof *c);
+    struct sgemm sgemm = sgemm_new();
     double wall[ROUNDS], share_wall[ROUNDS], share_processor[ROUNDS], sgemm_rate[ROUNDS],
         extra[ROUNDS];
-    double useful = 12.0 * s->terms * entries_inside(s), sgemm_flops = 2 * pow(SGEMM_SIZE, 3);
-    for (size_t i = 0; i < count; i++) {
-        a[i] = b[i] = (float)(i % 7) * 0.1F;
-    }
+    double useful = 12.0 * s->terms * entries_inside(s->width, s->height, s->window),
+           sgemm_flops = 2 * pow(SGEMM_SIZE, 3);
     (void)time_iteration(method, false); /* compiles on first use */
     (void)time_iteration(method, true);
-    (void)time_sgemm(a, b, c);
+    (void)sgemm_run(&sgemm);
     for (int i = 0; i < ROUNDS; i++) {
-        struct moment sgemm = time_sgemm(a, b, c), step = time_iteration(method, false);
+        struct moment product = sgemm_run(&sgemm), step = time_iteration(method, false);
         double with_objective = time_iteration(method, true).processor;
         wall[i] = step.wall;
         extra[i] = with_objective / step.processor - 1;
-        sgemm_rate[i] = sgemm_flops / sgemm.wall * 1e-9;
-        share_wall[i] = useful / step.wall / (sgemm_flops / sgemm.wall);
-        share_processor[i] = useful / step.processor / (sgemm_flops / sgemm.processor);
+        sgemm_rate[i] = sgemm_flops / product.wall * 1e-9;
+        share_wall[i] = useful / step.wall / (sgemm_flops / product.wall);
+        share_processor[i] = useful / step.processor / (sgemm_flops / product.processor);
     }
-    double seconds = median(wall, ROUNDS);
+    double seconds = timing_median(wall, ROUNDS);
     printf("%-14s %4d x %-4d K %2d T %2d k %3d  %8.4f s/iteration  %6.1f GF/s  sgemm %6.1f GF/s  "
            "%5.1f %% wall  %5.1f %% processor  objective %+.1f %%",
            s->name, s->width, s->height, s->window, s->terms, s->clusters, seconds,
-           useful / seconds * 1e-9, median(sgemm_rate, ROUNDS), 100 * median(share_wall, ROUNDS),
-           100 * median(share_processor, ROUNDS), 100 * median(extra, ROUNDS));
+           useful / seconds * 1e-9, timing_median(sgemm_rate, ROUNDS),
+           100 * timing_median(share_wall, ROUNDS), 100 * timing_median(share_processor, ROUNDS),
+           100 * timing_median(extra, ROUNDS));
     if (peer > 0) {
         printf("  OpenMP C %.3f s = %.1f times", peer, peer / seconds);
     }
     printf("\n");
     (void)fflush(stdout);
-    free(a);
-    free(b);
-    free(c);
+    sgemm_finish(&sgemm);
 }
 
 static void run(const struct shape *s, const struct opencl *opencl, const struct update_tile *tile)
