@@ -70,21 +70,43 @@ struct meeting {
     global const float *own;     /* f0 at the block */
 };
 
-/* The kernel's entry e for each lane. */
-INLINE VEC load_kernel(const struct meeting *m, int e, int outgoing, const struct sizes s)
+/* Row dy of the kernels that the lanes' entries have, by the window's column: [WINDOW]. With one cluster for all points
+ * within reach each is one number for all lanes. */
+INLINE void spread_kernels(VEC *g, const struct meeting *m, int outgoing, const struct sizes s)
 {
-#if CLUSTERED
-    global const int *labels = m->labels + (outgoing ? s.window / 2 - e : 0);
-    const int area = (s.window + 1) * s.window;
-    float lanes[LANES];
-    UNROLL for (int lane = 0; lane < LANES; lane++)
-    {
-        lanes[lane] = m->kernels[labels[lane] * area + e];
+    const int half_window = s.window / 2, area = (s.window + 1) * s.window;
+    const int first = outgoing ? -half_window : 0;
+    const int end = outgoing ? LANES + half_window : LANES;
+    int same = 1;
+    if (CLUSTERED) {
+        for (int x = first + 1; x < end; x++) {
+            same &= m->labels[x] == m->labels[first];
+        }
     }
-    return VLOAD(0, lanes);
-#else
-    return (VEC)(m->kernels[e]);
-#endif
+    if (!CLUSTERED || same) {
+        global const float *from = m->kernels + (CLUSTERED ? m->labels[first] * area : 0);
+        for (int e = 0; e < s.window; e++) {
+            g[e] = (VEC)(from[e]);
+        }
+        return;
+    }
+    float *lanes = (float *)g;
+    if (!outgoing) {
+        for (int lane = 0; lane < LANES; lane++) {
+            global const float *from = m->kernels + m->labels[lane] * area;
+            for (int e = 0; e < s.window; e++) {
+                lanes[e * LANES + lane] = from[e];
+            }
+        }
+        return;
+    }
+    for (int x = first; x < end; x++) { /* lit there, entry e meets lane x - half + e */
+        global const float *from = m->kernels + m->labels[x] * area;
+        const int low = max(0, half_window - x), high = min(s.window, LANES + half_window - x);
+        for (int e = low; e < high; e++) {
+            lanes[e * LANES + x - half_window + e] = from[e];
+        }
+    }
 }
 
 /* Distance in floats from a block of the other factor to what entry e meets there. */
@@ -127,26 +149,24 @@ INLINE int shift_of(int e, int outgoing, const struct sizes s)
 PRODUCTS(products_steps, STEPS)
 PRODUCTS(products_one, 1)
 
-/* Weighted residual of entry e of row r, from the product f0^T h. Without weights: the error's square over g. */
-INLINE VEC residual(const struct meeting *m, VEC product, int block, int e, VEC *g, int outgoing,
+/* R - g f0^T h of entry e, 0 where it was not measured. */
+INLINE VEC residual(const struct meeting *m, VEC product, VEC g, int block, int e, int outgoing,
                     const struct sizes s)
 {
     VEC response = load_entry(m->responses, s.window, block, e, outgoing);
-    *g = load_kernel(m, e, outgoing, s);
-    VEC difference = response - *g * product;
-#if MASKED
-    IVEC measured = load_mask(m->mask, s.window, block, e, outgoing);
-    difference = select((VEC)(0), difference, measured);
-#endif
+    VEC difference = response - g * product;
+    if (MASKED) {
+        IVEC measured = load_mask(m->mask, s.window, block, e, outgoing);
+        difference = select((VEC)(0), difference, measured);
+    }
     return difference;
 }
 
-/* Phase 1 for all columns of the level: residuals [column][ROWS]. */
-INLINE void find_residuals(const struct meeting *m, global const float *other, VEC *residuals,
-                           const float *row_weights, const struct level level, int block,
-                           int outgoing, const struct sizes s)
+/* Phase 1 for all columns of the level: residuals [column][ROWS], from kernels g [ROWS][WINDOW]. */
+INLINE void find_residuals(const struct meeting *m, const VEC *g, global const float *other,
+                           VEC *residuals, const float *row_weights, const struct level level,
+                           int block, int outgoing, const struct sizes s)
 {
-    VEC g;
     int j = 0;
     for (; j + STEPS <= level.count; j += STEPS) {
         VEC product[ROWS][STEPS];
@@ -156,7 +176,8 @@ INLINE void find_residuals(const struct meeting *m, global const float *other, V
             UNROLL for (int i = 0; i < STEPS; i++)
             {
                 residuals[(j + i) * ROWS + r] =
-                    residual(&m[r], product[r][i], block, level.columns[j + i], &g, outgoing, s) *
+                    residual(&m[r], product[r][i], g[r * WINDOW + level.columns[j + i]], block,
+                             level.columns[j + i], outgoing, s) *
                     (row_weights[r] * level.column_weights[j + i]);
             }
         }
@@ -167,7 +188,8 @@ INLINE void find_residuals(const struct meeting *m, global const float *other, V
         UNROLL for (int r = 0; r < ROWS; r++)
         {
             residuals[j * ROWS + r] =
-                residual(&m[r], product[r][0], block, level.columns[j], &g, outgoing, s) *
+                residual(&m[r], product[r][0], g[r * WINDOW + level.columns[j]], block,
+                         level.columns[j], outgoing, s) *
                 (row_weights[r] * level.column_weights[j]);
         }
     }
@@ -268,20 +290,23 @@ INLINE int meet(struct meeting *m, int own_y, int y, int block, global const flo
 INLINE void solve(const VEC *gradient, const VEC *curvature, global const float *own,
                   global float *next, int row, IVEC inside, const struct sizes s)
 {
-    VEC f[TERMS], left[TERMS];
+    VEC f[TERMS], left[TERMS], matrix[TERMS][TERMS];
     for (int t = 0; t < TERMS; t++) {
         f[t] = *(global const VEC *)(own + t * s.stride);
         left[t] = gradient[t * ROWS + row];
+        for (int u = 0; u < TERMS; u++) {
+            matrix[t][u] = curvature[entry_of(t, u)];
+        }
     }
     for (int sweep = 0; sweep < SWEEPS; sweep++) {
         for (int t = 0; t < TERMS; t++) {
-            VEC diagonal = curvature[entry_of(t, t)];
+            VEC diagonal = matrix[t][t];
             VEC moved =
                 select(f[t], fmax(f[t] + left[t] / diagonal, (VEC)(0)), diagonal > (VEC)(FLT_MIN));
             VEC change = moved - f[t];
             f[t] = moved;
             for (int u = 0; u < TERMS; u++) {
-                left[u] -= curvature[entry_of(t, u)] * change;
+                left[u] -= matrix[t][u] * change;
             }
         }
     }
@@ -300,11 +325,15 @@ INLINE void descend(global const float *responses, global const ushort *mask,
     const int stop = min(s.height - 1, first + ROWS - 1 + half_window);
     struct meeting m[ROWS];
     VEC gradient[GROUPS * GROUP * ROWS], curvature[ROWS][PAIRS], buffer[WINDOW * ROWS];
+    VEC g[ROWS * WINDOW];
     for (int i = 0; i < GROUPS * GROUP * ROWS; i++) {
         gradient[i] = 0;
     }
     for (int i = 0; i < ROWS * PAIRS; i++) {
         curvature[i / PAIRS][i % PAIRS] = 0;
+    }
+    for (int i = 0; i < ROWS * WINDOW; i++) {
+        g[i] = 0; /* rows that meet nothing weigh nothing, but must be numbers */
     }
     for (int y = max(0, first - half_window); y <= stop; y++) {
         global const float *there = other + y * s.planes * s.stride + s.pad + block * LANES;
@@ -317,9 +346,12 @@ INLINE void descend(global const float *responses, global const ushort *mask,
             entry_weights[r] = used ? entries.row_weights[v] : 0;
             quadrature_weights[r] = used ? quadrature.row_weights[v] : 0;
             any |= entry_weights[r] != 0;
+            if (entry_weights[r] != 0 || quadrature_weights[r] != 0) {
+                spread_kernels(g + r * WINDOW, &m[r], outgoing, s);
+            }
         }
         if (any) {
-            find_residuals(m, there, buffer, entry_weights, entries, block, outgoing, s);
+            find_residuals(m, g, there, buffer, entry_weights, entries, block, outgoing, s);
             add_gradient(gradient, buffer, there, entries, outgoing, s);
         }
         for (int r = 0; r < ROWS; r++) {
@@ -328,11 +360,13 @@ INLINE void descend(global const float *responses, global const ushort *mask,
             }
             for (int j = 0; j < quadrature.count; j++) {
                 int e = quadrature.columns[j];
-                VEC g = load_kernel(&m[r], e, outgoing, s);
-#if MASKED
-                g = select((VEC)(0), g, load_mask(m[r].mask, s.window, block, e, outgoing));
-#endif
-                buffer[j] = g * (quadrature_weights[r] * quadrature.column_weights[j]);
+                VEC weight =
+                    g[r * WINDOW + e] * (quadrature_weights[r] * quadrature.column_weights[j]);
+                if (MASKED) {
+                    IVEC measured = load_mask(m[r].mask, s.window, block, e, outgoing);
+                    weight = select((VEC)(0), weight, measured);
+                }
+                buffer[j] = weight;
             }
             add_curvature(curvature[r], buffer, there, quadrature, outgoing, s);
         }
@@ -379,12 +413,13 @@ kernel void measure_level(ARGUMENTS)
         global const float *there = other + y * s.planes * s.stride + s.pad + block * LANES;
         struct meeting m[ROWS];
         float weights[ROWS], lanes[LANES], row = 0;
-        VEC sum = 0;
+        VEC sum = 0, g[ROWS * WINDOW];
         for (int r = 0; r < ROWS; r++) {
             int v;
             int used =
                 meet(&m[r], first + r, y, block, responses, mask, labels, kernels, own, 0, &v, s);
             weights[r] = used ? entries.row_weights[v] : 0;
+            spread_kernels(g + r * WINDOW, &m[r], 0, s);
         }
         for (int j = 0; j < entries.count; j += STEPS) {
             VEC product[ROWS][STEPS];
@@ -398,12 +433,12 @@ kernel void measure_level(ARGUMENTS)
                     products_one(one, m, there, entries.columns + j + i, 0, s);
                 }
                 for (int r = 0; r < ROWS; r++) {
-                    VEC g;
-                    VEC d = residual(&m[r], many ? product[r][i] : one[r][0], block,
-                                     entries.columns[j + i], &g, 0, s);
+                    const int e = entries.columns[j + i];
+                    VEC g_e = g[r * WINDOW + e];
+                    VEC d = residual(&m[r], many ? product[r][i] : one[r][0], g_e, block, e, 0, s);
                     sum +=
-                        select((VEC)(0), d * d / g * (weights[r] * entries.column_weights[j + i]),
-                               g > (VEC)(0));
+                        select((VEC)(0), d * d / g_e * (weights[r] * entries.column_weights[j + i]),
+                               g_e > (VEC)(0));
                 }
             }
         }

@@ -223,12 +223,12 @@ static int read_override(const char *name, char **text, struct nacre_error *erro
     return *text ? NACRE_OK : nacre_fail_errno(error, number, "NACRE_CL_DIR: cannot read %s", path);
 }
 
-/* The options with NACRE_CL_DIR as a folder for includes, on the heap. */
+/* The options with NACRE_CL_DIR as a folder for includes, on the heap. OpenCL knows no quoting: its name must hold no space. */
 static char *options_with_folder(const char *options)
 {
     const char *folder = getenv("NACRE_CL_DIR");
     char *all = NULL;
-    if (asprintf(&all, "%s -I \"%s\"", options ? options : "", folder) < 0) {
+    if (asprintf(&all, "%s -I%s", options ? options : "", folder) < 0) {
         return NULL;
     }
     return all;
