@@ -131,7 +131,9 @@ static json_t *boards_json(const struct boards *boards)
 static void print_text(const cl_device_id *devices, size_t count)
 {
     if (count == 0) {
-        (void)printf("OpenCL: no device; install one (Debian: pocl-opencl-icd)\n");
+        (void)printf(
+            "OpenCL: no device; install one (Debian: pocl-opencl-icd); if it is, see that HOME or "
+            "POCL_CACHE_DIR names a folder that can be written\n");
         return;
     }
     (void)printf("OpenCL (--device takes the number or part of the name):\n");

@@ -6,6 +6,7 @@ import re
 import sys
 
 TOTALS = re.compile(r'^(\d+) Tests (\d+) Failures (\d+) Ignored', re.MULTILINE)
+PASSED = re.compile(r'^(?:.*/)?[^/:\n]+:\d+:\w+:PASS$', re.MULTILINE)
 FAILED = re.compile(r'^(?:.*/)?([^/:\n]+):(\d+):(\w+):FAIL(?:: ?(.*))?$', re.MULTILINE)
 IGNORED = re.compile(r'^(?:.*/)?([^/:\n]+):\d+:(\w+):IGNORE(?:: ?(.*))?$', re.MULTILINE)
 # In continuous integration only hardware that cannot exist there may be missing.
@@ -19,7 +20,8 @@ def count(program):
               for file, line, case, why in FAILED.findall(output)]
     skipped = [(f'{name}: {case}', why or 'no reason given') for _, case, why in IGNORED.findall(output)]
     totals = TOTALS.findall(output)
-    passed = sum(int(t) - int(f) - int(i) for t, f, i in totals)
+    # A program that dies does not come to its totals.
+    passed = sum(int(t) - int(f) - int(i) for t, f, i in totals) if totals else len(PASSED.findall(output))
     if program['result'] == 'SKIP':
         last = output.strip().splitlines()[-1:] or ['no reason given']
         skipped.append((name, last[0]))

@@ -131,7 +131,9 @@ int opencl_open(const char *selector, struct opencl *opencl, struct nacre_error 
     size_t count = opencl_list(devices, MAX_DEVICES);
     *opencl = (struct opencl){0};
     if (count == 0) {
-        return nacre_fail(error, "no OpenCL device: install one (Debian: pocl-opencl-icd)");
+        return nacre_fail(error,
+                          "no OpenCL device: install one (Debian: pocl-opencl-icd); if it is, see "
+                          "that HOME or POCL_CACHE_DIR names a folder that can be written");
     }
     if (count > MAX_DEVICES) {
         count = MAX_DEVICES;
