@@ -47,7 +47,7 @@ static void documented_example_is_read(void)
     TEST_ASSERT_EQUAL_INT(LIGHT_PROJECTOR, scene.lights[1].kind);
     TEST_ASSERT_EQUAL_INT(PATTERN_CHECKS, scene.lights[1].texture.pattern);
     TEST_ASSERT_EQUAL_STRING("/folder/material.exr", scene.objects[0].material.file);
-    TEST_ASSERT_EQUAL_DOUBLE(1.2, scene.objects[0].material.point_mm);
+    TEST_ASSERT_EQUAL_DOUBLE(1.4, scene.objects[0].material.point_mm);
     TEST_ASSERT_NULL(scene.objects[1].material.file);
     TEST_ASSERT_EQUAL_DOUBLE(0.42, scene.objects[1].color[2]);
 }
