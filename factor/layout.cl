@@ -24,7 +24,7 @@
 #define VEC         JOIN(float, LANES)
 #define IVEC        JOIN(int, LANES)
 #define VLOAD       JOIN(vload, LANES)
-#define INLINE      static inline __attribute__((always_inline))
+#define INLINE      static inline __attribute__((always_inline, unused))
 #define UNROLL      _Pragma("unroll")
 
 #if LANES == 4
