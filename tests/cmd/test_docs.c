@@ -1,5 +1,5 @@
 /* What the documentation says of the command line is true: every verb and option that README.md and docs/ name in code
- * exists, and every verb is explained. */
+ * exists, every verb is explained, and links lead somewhere. */
 #include "tests/cmd/spawn.h"
 
 #include <ctype.h>
@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 #include <unity.h>
 
 static const char *nacre, *root;
@@ -55,7 +56,7 @@ static int is_markdown(const struct dirent *entry)
     return end && strcmp(end, ".md") == 0;
 }
 
-static void for_all_code(void (*check)(const char *where, const char *code))
+static void for_all_files(void (*visit)(const char *path))
 {
     char *folder = path_join(root, "docs");
     char *readme = path_join(root, "README.md");
@@ -64,12 +65,12 @@ static void for_all_code(void (*check)(const char *where, const char *code))
     TEST_ASSERT_TRUE_MESSAGE(count > 0, folder);
     for (int i = 0; i < count; i++) {
         char *path = path_join(folder, entries[i]->d_name);
-        for_code(path, check);
+        visit(path);
         free(path);
         free(entries[i]);
     }
     free(entries);
-    for_code(readme, check);
+    visit(readme);
     free(readme);
     free(folder);
 }
@@ -128,10 +129,38 @@ static void check_command(const char *where, const char *code)
     free(help);
 }
 
+static void check_commands(const char *path)
+{
+    for_code(path, check_command);
+}
+
 static void verbs_and_options_in_the_documentation_exist(void)
 {
-    for_all_code(check_command);
+    for_all_files(check_commands);
     TEST_ASSERT_TRUE_MESSAGE(commands_checked >= 8, "the documentation shows hardly any command");
+}
+
+/* A link's target, as it stands behind "](", relative to the file that it is in. */
+static void check_links(const char *path)
+{
+    size_t size = 0;
+    char *text = (char *)file_read(path, &size);
+    int folder = (int)(strrchr(path, '/') - path);
+    TEST_ASSERT_NOT_NULL_MESSAGE(text, path);
+    for (char *link = strstr(text, "]("); link; link = strstr(link + 1, "](")) {
+        char target[600];
+        int length = (int)strcspn(link + 2, ")#");
+        (void)snprintf(target, sizeof target, "%.*s/%.*s", folder, path, length, link + 2);
+        if (length > 0 && strncmp(link + 2, "http", 4) != 0) {
+            TEST_ASSERT_EQUAL_INT_MESSAGE(0, access(target, F_OK), target);
+        }
+    }
+    free(text);
+}
+
+static void links_in_the_documentation_lead_somewhere(void)
+{
+    for_all_files(check_links);
 }
 
 /* `nacre --help` lists verbs as "  NAME  summary"; README's table of verbs has a row for each. */
@@ -171,6 +200,7 @@ int main(int argc, char **argv)
     root = argv[2];
     UNITY_BEGIN();
     RUN_TEST(verbs_and_options_in_the_documentation_exist);
+    RUN_TEST(links_in_the_documentation_lead_somewhere);
     RUN_TEST(every_verb_is_in_the_readme);
     return UNITY_END();
 }
