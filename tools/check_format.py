@@ -16,8 +16,11 @@ files = sorted(os.path.relpath(os.path.join(folder, name), root)
 wrong = []
 for file in files:
     check = subprocess.run(['clang-format', '--dry-run', '--Werror', file], cwd=root, capture_output=True, text=True)
-    print(f'{file}:1:is_formatted:' + ('PASS' if check.returncode == 0 else 'FAIL: run clang-format -i ' + file))
     if check.returncode != 0:
         wrong.append(file)
-print(f'{len(files)} Tests {len(wrong)} Failures 0 Ignored')
-sys.exit(1 if wrong or not files else 0)
+        print(f'clang-format -i {file}')
+good = files and not wrong
+print('tools/check_format.py:1:every_file_is_formatted:' +
+      ('PASS' if good else f'FAIL: {len(wrong)} of {len(files)} are not, see above'))
+print(f'1 Tests {0 if good else 1} Failures 0 Ignored')
+sys.exit(0 if good else 1)

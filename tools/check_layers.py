@@ -103,9 +103,12 @@ def main(root):
     for file in files:
         with open(os.path.join(root, file), encoding='utf-8') as stream:
             found = list(faults(file, stream.read(), lambda header, file=file: locate(root, file, header)))
-        print(f'{file}:1:uses_only_layers_below:' + ('FAIL: ' + '; '.join(found) if found else 'PASS'))
+        if found:
+            print(f'{file}: ' + '; '.join(found))
         wrong += bool(found)
-    print(f'{len(files) + 1} Tests {wrong + bool(mistakes)} Failures 0 Ignored')
+    print('check_layers.py:1:files_use_only_layers_below:' +
+          (f'FAIL: {wrong} of {len(files)} do not, see above' if wrong else 'PASS'))
+    print(f'2 Tests {bool(wrong) + bool(mistakes)} Failures 0 Ignored')
     return 1 if wrong or mistakes or not files else 0
 
 

@@ -33,7 +33,7 @@ def count(program):
 
 
 def main(logs):
-    passed, failed, skipped = 0, [], []
+    passed, failed, skipped, parts = 0, [], [], []
     for log in logs:
         try:
             with open(log, encoding='utf-8') as file:
@@ -41,12 +41,14 @@ def main(logs):
         except OSError as error:
             programs = []
             failed.append(f'{log}: {error.strerror}')
+        folder, before = log.split('/')[0], passed
         for program in programs:
             more = count(program)
             passed += more[0]
-            failed += [f'{log.split("/")[0]}: {line}' for line in more[1]]
+            failed += [f'{folder}: {line}' for line in more[1]]
             skipped += more[2]
-    print()
+        parts.append(f'{folder}: {len(programs)} programs, {passed - before} tests passed')
+    print('\n' + '\n'.join(parts))
     for name, why in skipped:
         print(f'skipped: {name}: {why}')
     for line in failed:
