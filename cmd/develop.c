@@ -1,5 +1,6 @@
 /* nacre develop: a session's frames to responses. */
 #include "rig/develop/develop.h"
+#include "cmd/json_print.h"
 #include "cmd/verbs.h"
 
 #include <jansson.h>
@@ -104,12 +105,7 @@ static int print_json(const char *output, const struct develop_report *report,
         real(report->frame_noise), "noise", real(report->noise), "centre", real(report->centre),
         "rim_share", real(report->rim_share), "overlap", real(report->overlap), "geometry",
         geometry_json(report), "pixels", pixels_json(report), "seconds", seconds_json(report));
-    int status = NACRE_OK;
-    if (!root || json_dumpf(root, stdout, JSON_INDENT(2)) != 0 || puts("") < 0) {
-        status = nacre_fail(error, "standard output: cannot write the result");
-    }
-    json_decref(root);
-    return status;
+    return json_print(root, error);
 }
 
 static void print_text(const char *output, const struct develop_report *report)

@@ -1,6 +1,7 @@
 /* nacre devices: lists the devices that a computer offers. */
 #include "base/clock.h"
 #include "base/opencl.h"
+#include "cmd/json_print.h"
 #include "cmd/verbs.h"
 #include "rig/trigger_usb.h"
 
@@ -147,7 +148,6 @@ static void print_text(const cl_device_id *devices, size_t count)
 static int print_json(const cl_device_id *devices, size_t count, const struct boards *boards,
                       struct nacre_error *error)
 {
-    int result = NACRE_OK;
     json_t *list = json_array();
     json_t *root = json_pack("{s:o, s:o}", "opencl", list, "trigger_boards", boards_json(boards));
     for (size_t i = 0; i < count && root; i++) {
@@ -158,12 +158,7 @@ static int print_json(const cl_device_id *devices, size_t count, const struct bo
                             d.name, "type", d.type, "compute_units", (json_int_t)d.compute_units,
                             "memory_bytes", (json_int_t)d.memory, "version", d.version));
     }
-    if (!root || json_dumpf(root, stdout, JSON_INDENT(2)) != 0) {
-        result = nacre_fail(error, "the list of devices cannot be written");
-    }
-    (void)putchar('\n');
-    json_decref(root);
-    return result;
+    return json_print(root, error);
 }
 
 static int run(const void *settings, const struct invocation *invocation, struct nacre_error *error)

@@ -1,5 +1,6 @@
 /* nacre error: how far a material is from the scan it was made of. */
 #include "cmd/error_print.h"
+#include "cmd/json_print.h"
 #include "cmd/verbs.h"
 
 struct error_settings {

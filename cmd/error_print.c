@@ -54,12 +54,3 @@ json_t *error_to_json(const struct error_report *report, const struct nacre_mate
                      (json_int_t)report->dark, "bytes_measured", before, "bytes_factored", after,
                      "bytes_file", file_size(path), "ratio", before / after);
 }
-
-int json_print(json_t *object, struct nacre_error *error)
-{
-    int status = object && json_dumpf(object, stdout, JSON_INDENT(2)) == 0 && puts("") >= 0
-                     ? NACRE_OK
-                     : nacre_fail(error, "standard output: cannot write the result");
-    json_decref(object);
-    return status;
-}

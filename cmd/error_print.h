@@ -15,7 +15,4 @@ void error_print(const struct error_report *report, const struct nacre_material 
 json_t *error_to_json(const struct error_report *report, const struct nacre_material *material,
                       const char *path);
 
-/* Print a JSON object on standard output and release it. */
-int json_print(json_t *object, struct nacre_error *error);
-
 #endif

@@ -1,5 +1,6 @@
 /* nacre factor: a scan to a material. */
 #include "cmd/error_print.h"
+#include "cmd/json_print.h"
 #include "cmd/verbs.h"
 #include "factor/factorize.h"
 
@@ -7,6 +8,7 @@
 
 #include <limits.h>
 #include <math.h>
+#include <stdlib.h>
 
 struct factor_settings {
     const char *output;
@@ -177,6 +179,17 @@ static struct factor_options to_options(const struct factor_settings *s)
                                    .regularise = s->regularise};
 }
 
+/* The history tells seconds, which differ from run to run; where outputs are to be reproducible it is left out. */
+static void leave_out_times(struct nacre_material *m)
+{
+    if (getenv("SOURCE_DATE_EPOCH")) {
+        free(m->history_objective);
+        free(m->history_seconds);
+        m->history_objective = m->history_seconds = NULL;
+        m->history_count = 0;
+    }
+}
+
 static int factor_run(const void *settings, const struct invocation *invocation,
                       struct nacre_error *error)
 {
@@ -201,6 +214,7 @@ static int factor_run(const void *settings, const struct invocation *invocation,
     }
     progress_end(&progress);
     if (status == NACRE_OK) {
+        leave_out_times(&material);
         status = nacre_material_write(s->output, &material, error);
     }
     if (status == NACRE_OK) {

@@ -2,6 +2,7 @@
 #include "render/render.h"
 #include "base/opencl.h"
 #include "base/progress.h"
+#include "cmd/json_print.h"
 #include "cmd/verbs.h"
 #include "nacre/whole_file.h"
 
@@ -145,11 +146,7 @@ static int print_json(const char *output, const struct render_report *report,
                       "point_mm", o->point_mm, "stretch", o->stretch[0], o->stretch[1],
                       o->stretch[2], "limited", o->limited));
     }
-    int status = root && json_dumpf(root, stdout, JSON_INDENT(2)) == 0 && puts("") >= 0
-                     ? NACRE_OK
-                     : nacre_fail(error, "standard output: cannot write the result");
-    json_decref(root);
-    return status;
+    return json_print(root, error);
 }
 
 /* Whether the picture can be written at all, told before the work and not after it. */

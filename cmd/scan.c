@@ -1,4 +1,5 @@
 /* nacre scan: a whole acquisition in this process. */
+#include "cmd/json_print.h"
 #include "cmd/verbs.h"
 #include "rig/sequence.h"
 #include "rig/virtual/virtual.h"
@@ -60,15 +61,6 @@ static void print_duration(const char *label, double seconds)
         printf("%-13s %d h %02d min %02d s\n", label, minutes / 60, minutes % 60,
                (int)(seconds - 60.0 * minutes));
     }
-}
-
-static int print_json(json_t *object, struct nacre_error *error)
-{
-    int status = object && json_dumpf(object, stdout, JSON_INDENT(2)) == 0 && puts("") >= 0
-                     ? NACRE_OK
-                     : nacre_fail(error, "standard output: cannot write the result");
-    json_decref(object);
-    return status;
 }
 
 static void print_plan(const struct session *session, const struct sequence_needs *needs)
@@ -140,7 +132,7 @@ static int dry_run(const char *path, const struct scan_settings *settings, bool 
         goto out;
     }
     if (json) {
-        status = print_json(plan_as_json(&session, &needs), error);
+        status = json_print(plan_as_json(&session, &needs), error);
     } else {
         print_plan(&session, &needs);
     }
@@ -152,7 +144,7 @@ out:
 static int print_result(const struct sequence_result *result, bool json, struct nacre_error *error)
 {
     if (json) {
-        return print_json(
+        return json_print(
             json_pack("{s:I, s:I, s:I, s:I, s:f, s:I}", "patterns", (json_int_t)result->patterns,
                       "measured_before", (json_int_t)result->skipped, "frames",
                       (json_int_t)result->exposures, "retries", (json_int_t)result->retries,
@@ -203,7 +195,7 @@ static int measure(const char *path, const struct scan_settings *settings,
     return status;
 }
 
-/* Open the devices first: where one fails, no session is begun. All of them are virtual, the one driver that station
+/* Ask for the disk and open the devices first: where one fails, no session is begun. All of them are virtual, the one driver that station
  * files of this build can name. */
 static int scan(const char *path, const struct scan_settings *settings,
                 const struct invocation *invocation, struct nacre_error *error)
@@ -211,7 +203,17 @@ static int scan(const char *path, const struct scan_settings *settings,
     struct virtual_station *simulated = NULL;
     struct session wanted = {0};
     struct sequence_result result;
+    struct sequence_needs needs;
     int status = read_settings(path, settings, &wanted, error);
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    status = sequence_estimate(&wanted.station, &wanted.plan, settings->resume ? &wanted : NULL,
+                               &needs, error);
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    status = sequence_check_disk(path, &needs, error);
     if (status != NACRE_OK) {
         goto out;
     }

@@ -1,6 +1,7 @@
 /* nacre simulate: the exact responses of a described sample. */
 #include "base/clock.h"
 #include "base/picture.h"
+#include "cmd/json_print.h"
 #include "cmd/verbs.h"
 #include "rig/virtual/explain.h"
 #include "rig/virtual/sample.h"
@@ -42,15 +43,6 @@ static const struct option_spec simulate_options[] = {
      .offset = offsetof(struct simulate_settings, explain),
      .sentence = "list each effect: simulated or not, why, and its cost"},
     {0}};
-
-static int print_json(json_t *object, struct nacre_error *error)
-{
-    int status = object && json_dumpf(object, stdout, JSON_INDENT(2)) == 0 && puts("") >= 0
-                     ? NACRE_OK
-                     : nacre_fail(error, "standard output: cannot write the result");
-    json_decref(object);
-    return status;
-}
 
 static json_t *effects_as_json(const struct effect *effects, size_t count)
 {
@@ -94,7 +86,7 @@ static int explain(const char *path, const struct sample *sample, const struct t
     size_t count = 0;
     int status = explain_effects(sample, transport, window, &effects, &count, error);
     if (!status && json) {
-        status = print_json(effects_as_json(effects, count), error);
+        status = json_print(effects_as_json(effects, count), error);
     } else if (!status) {
         print_effects(path, effects, count);
     }
@@ -140,7 +132,7 @@ static int print_result(const struct transport *transport, const struct simulate
 {
     struct transport_facts facts = transport_facts(transport);
     if (json) {
-        return print_json(json_pack("{s:s, s:i, s:i, s:i, s:f, s:[i,i,i], s:i, s:f, s:f, s:f}",
+        return json_print(json_pack("{s:s, s:i, s:i, s:i, s:f, s:[i,i,i], s:i, s:f, s:f, s:f}",
                                     "output", settings->output, "width", facts.width, "height",
                                     facts.height, "window", settings->window, "pitch_mm",
                                     facts.pitch_mm, "voxels", facts.voxels[0], facts.voxels[1],

@@ -6,6 +6,7 @@
 
 #include <errno.h>
 #include <inttypes.h>
+#include <libgen.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -54,13 +55,22 @@ int sequence_estimate(const struct station *station, const struct plan *plan,
     return status;
 }
 
-static int check_disk(const struct session *session, const struct sequence_needs *needs,
-                      struct nacre_error *error)
+int sequence_check_disk(const char *path, const struct sequence_needs *needs,
+                        struct nacre_error *error)
 {
     struct statvfs disk;
-    if (statvfs(session->path, &disk) != 0) {
-        return nacre_fail_errno(error, errno, "%s: cannot ask for the disk's free space",
-                                session->path);
+    char *copy = strdup(path);
+    if (!copy) {
+        return nacre_fail_memory(error, "a path");
+    }
+    int result = statvfs(path, &disk);
+    if (result != 0 && errno == ENOENT) {
+        result = statvfs(dirname(copy), &disk);
+    }
+    int number = errno;
+    free(copy);
+    if (result != 0) {
+        return nacre_fail_errno(error, number, "%s: cannot ask for the disk's free space", path);
     }
     uint64_t free_bytes = (uint64_t)disk.f_bavail * disk.f_frsize;
     if (free_bytes < needs->bytes) {
@@ -68,7 +78,7 @@ static int check_disk(const struct session *session, const struct sequence_needs
             error,
             "%s: the disk has %.1f MiB free and the scan may need %.1f MiB; free some "
             "space or put the session on another disk",
-            session->path, (double)free_bytes / 1048576, (double)needs->bytes / 1048576);
+            path, (double)free_bytes / 1048576, (double)needs->bytes / 1048576);
     }
     return NACRE_OK;
 }
@@ -286,7 +296,7 @@ static int prepare(struct run *run, struct sequence_needs *needs, struct nacre_e
     if (status != NACRE_OK) {
         return status;
     }
-    status = check_disk(run->session, needs, error);
+    status = sequence_check_disk(run->session->path, needs, error);
     if (status != NACRE_OK) {
         return status;
     }

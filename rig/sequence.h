@@ -56,6 +56,10 @@ int sequence_estimate(const struct station *station, const struct plan *plan,
                       const struct session *session, struct sequence_needs *needs,
                       struct nacre_error *error);
 
+/* Refuse a disk with too little room. `path` is the session's folder, or where it is to be made. */
+int sequence_check_disk(const char *path, const struct sequence_needs *needs,
+                        struct nacre_error *error);
+
 /* Measure every pattern that the session lacks. A lost, damaged or unmatched frame is taken again,
  * so often as the options allow. Stops cleanly, with whole files only, when a device or the disk
  * fails or the user asks (NACRE_CANCELLED); what was written is resumed later. Refuses to begin

@@ -175,7 +175,8 @@ static void print_program_man(const struct program *program, FILE *file)
         ".TP\n.B NACRE_DEVICE\nThe OpenCL device to compute on where \\-\\-device is not given.\n"
         ".TP\n.B NACRE_CL_DIR\nA folder whose OpenCL sources are used instead of the built\\-in "
         "ones of the same name.\n"
-        ".TP\n.B SOURCE_DATE_EPOCH\nThe date to record in outputs, in seconds since 1970.\n",
+        ".TP\n.B SOURCE_DATE_EPOCH\nWhere it is set, no output holds how long its making took, so "
+        "that equal inputs give equal files.\n",
         file);
 }
 

@@ -391,6 +391,8 @@ static void a_full_disk_leaves_what_was_there(void)
     if (can_mount) {
         char *png = keep(path_join(below, "out.png"));
         REFUSES(FAILED, exr, "factor", input("scan.exr"), "-o", exr, "--iterations", "1");
+        REFUSES(FAILED, "MiB free", "scan", keep(path_join(below, "session")), "--station",
+                input("station.yaml"));
         fill(keep(path_join(below, "filler")));
         REFUSES(FAILED, png, "render", input("scene.yaml"), "-o", png);
         REFUSES(FAILED, exr, "render", input("scene.yaml"), "-o", exr);

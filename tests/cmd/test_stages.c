@@ -113,6 +113,39 @@ static void the_same_seed_gives_the_same_factors(void)
     }
 }
 
+static char *bytes_of(const char *path, size_t *size)
+{
+    char *bytes = NULL;
+    FILE *file = fopen(path, "rb");
+    TEST_ASSERT_NOT_NULL(file);
+    FILE *memory = open_memstream(&bytes, size);
+    TEST_ASSERT_NOT_NULL(memory);
+    for (int c = fgetc(file); c != EOF; c = fgetc(file)) {
+        (void)fputc(c, memory);
+    }
+    (void)fclose(file);
+    (void)fclose(memory);
+    return bytes;
+}
+
+static void with_a_source_date_two_runs_give_the_same_file(void)
+{
+    char *path = path_join(folder, "dated.exr"), *bytes[2] = {NULL};
+    size_t sizes[2] = {0};
+    TEST_ASSERT_EQUAL_INT(0, setenv("SOURCE_DATE_EPOCH", "1", 1));
+    for (int i = 0; i < 2; i++) {
+        free(RUN("factor", scan, "-o", path, "--terms", "2", "--iterations", "5"));
+        bytes[i] = bytes_of(path, &sizes[i]);
+    }
+    TEST_ASSERT_EQUAL_INT(0, unsetenv("SOURCE_DATE_EPOCH"));
+    TEST_ASSERT_EQUAL_UINT64(sizes[0], sizes[1]);
+    TEST_ASSERT_TRUE(sizes[0] > 1000);
+    TEST_ASSERT_EQUAL_INT(0, memcmp(bytes[0], bytes[1], sizes[0]));
+    free(bytes[0]);
+    free(bytes[1]);
+    free(path);
+}
+
 /* The slab is 10 x 7 mm and lies flat under a light that makes irradiance 1 at its middle; the camera sees it there.
  * Its value is the sum of the responses that reach the pixel's points, times what the light's slant and distance leave
  * (1 in the middle): between the dark material's 0.1 and the bright one's 1 in red. Blue is darker than red by the
@@ -175,6 +208,7 @@ int main(int argc, char **argv)
     RUN_TEST(a_separable_material_needs_one_term);
     RUN_TEST(the_file_holds_the_error_that_was_printed);
     RUN_TEST(the_same_seed_gives_the_same_factors);
+    RUN_TEST(with_a_source_date_two_runs_give_the_same_file);
     RUN_TEST(a_rendering_shows_the_material);
     RUN_TEST(the_report_is_one_self_contained_page);
     free(scan);
