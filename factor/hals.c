@@ -95,9 +95,10 @@ static int build(struct hals *m, struct nacre_error *error)
     char options[256];
     (void)snprintf(options, sizeof options,
                    "-DLANES=%d -DTERMS=%d -DWINDOW=%d -DROWS=%d -DGROUP=%d -DTILE=%d -DSWEEPS=%d "
-                   "-DCLUSTERED=%d -DMASKED=%d",
+                   "-DCLUSTERED=%d -DMASKED=%d -DHALF=%d",
                    p->responses->lanes, p->terms, round_up(p->responses->window, 64), m->tile.rows,
-                   m->tile.group, m->tile.tile, SWEEPS, p->clusters > 1, p->responses->mask_needed);
+                   m->tile.group, m->tile.tile, SWEEPS, p->clusters > 1, p->responses->mask_needed,
+                   p->responses->half);
     if (opencl_build(m->layout.opencl, &hals_cl, options, &m->program, error) != NACRE_OK) {
         return NACRE_FAILED;
     }

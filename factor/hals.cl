@@ -63,7 +63,7 @@ INLINE int entry_of(int s, int t)
 
 /* One block of one row of points, as far as it meets one row of the other factor. */
 struct meeting {
-    global const float *responses; /* row (y, dy) */
+    global const stored *responses; /* row (y, dy) */
     global const ushort *mask;
     global const float *kernels; /* row dy of kernel 0 */
     global const int *labels;    /* of the row that is lit, at the block */
@@ -269,7 +269,7 @@ INLINE void add_curvature(VEC *curvature, const VEC *weights, global const float
 }
 
 /* Where row r of a work-item meets row y of the other factor. Returns whether it does. */
-INLINE int meet(struct meeting *m, int own_y, int y, int block, global const float *responses,
+INLINE int meet(struct meeting *m, int own_y, int y, int block, global const stored *responses,
                 global const ushort *mask, global const int *labels, global const float *kernels,
                 global const float *own, int outgoing, int *v, const struct sizes s)
 {
@@ -316,7 +316,7 @@ INLINE void solve(const VEC *gradient, const VEC *curvature, global const float 
 }
 
 /* One factor's best step: from `own` to `next`, with `other` held. */
-INLINE void descend(global const float *responses, global const ushort *mask,
+INLINE void descend(global const stored *responses, global const ushort *mask,
                     global const int *labels, global const float *kernels, global const float *own,
                     global const float *other, global float *next, const struct level entries,
                     const struct level quadrature, int outgoing, const struct sizes s)
@@ -379,7 +379,7 @@ INLINE void descend(global const float *responses, global const ushort *mask,
 }
 
 #define ARGUMENTS                                                                                  \
-    global const float *responses, global const ushort *mask, global const int *labels,            \
+    global const stored *responses, global const ushort *mask, global const int *labels,           \
         global const float *kernels, global const float *own, global const float *other,           \
         global float *next, global const int *columns, global const float *column_weights,         \
         global const float *row_weights, global const int *quadrature_columns,                     \

@@ -19,6 +19,9 @@
 #ifndef MASKED
 #define MASKED 0 /* some entries were not measured */
 #endif
+#ifndef HALF
+#define HALF 0 /* responses are stored as half floats */
+#endif
 #define JOIN_(a, b) a##b
 #define JOIN(a, b)  JOIN_(a, b)
 #define VEC         JOIN(float, LANES)
@@ -26,6 +29,19 @@
 #define VLOAD       JOIN(vload, LANES)
 #define INLINE      static inline __attribute__((always_inline, unused))
 #define UNROLL      _Pragma("unroll")
+
+#define VLOAD_ALIGNED(offset, from) (*(global const VEC *)((from) + (offset)*LANES))
+
+/* A stored response, to be read by load_entry alone. */
+#if HALF
+typedef half stored;
+#define LOAD         JOIN(vload_half, LANES)
+#define LOAD_ALIGNED JOIN(vloada_half, LANES)
+#else
+typedef float stored;
+#define LOAD         VLOAD
+#define LOAD_ALIGNED VLOAD_ALIGNED
+#endif
 
 #if LANES == 4
 #define LOG_LANES    2
@@ -54,19 +70,24 @@ struct sizes {
     int label_stride; /* labels of a row of points, the pad before it included */
 };
 
-/* Entry `e` (= dx + half) of LANES responses of a row: of those lit at block's own points, or (outgoing) of those lit at
- * points that lie at distance dx before block's points. */
-INLINE VEC load_entry(global const float *row, int window, int block, int e, int outgoing)
-{
-    if (!outgoing) {
-        return *(global const VEC *)(row + (block * window + e) * LANES);
+/* A vector of `row`, which has the layout of a row (y, dy): entry `e` (= dx + half) of the LANES points of a block, or
+ * (outgoing) of the points that lie at distance dx before the block's. */
+#define LOAD_ROW(NAME, TYPE, ALIGNED, UNALIGNED)                                                   \
+    INLINE VEC NAME(global const TYPE *row, int window, int block, int e, int outgoing)            \
+    {                                                                                              \
+        if (!outgoing) {                                                                           \
+            return ALIGNED(0, row + (block * window + e) * LANES);                                 \
+        }                                                                                          \
+        int first = block * LANES + window / 2 - e;                                                \
+        int from = first >> LOG_LANES, shift = first & (LANES - 1);                                \
+        global const TYPE *near = row + (from * window + e) * LANES + shift;                       \
+        VEC low = UNALIGNED(0, near), high = UNALIGNED(0, near + window * LANES - LANES);          \
+        return select(high, low, (IVEC)(LANES - shift) > LANE_NUMBERS);                            \
     }
-    int first = block * LANES + window / 2 - e;
-    int from = first >> LOG_LANES, shift = first & (LANES - 1);
-    global const float *near = row + (from * window + e) * LANES + shift;
-    VEC low = VLOAD(0, near), high = VLOAD(0, near + window * LANES - LANES);
-    return select(high, low, (IVEC)(LANES - shift) > LANE_NUMBERS);
-}
+
+/* Of responses, and of anything else in their layout that is made of floats. */
+LOAD_ROW(load_entry, stored, LOAD_ALIGNED, LOAD)
+LOAD_ROW(load_floats, float, VLOAD_ALIGNED, VLOAD)
 
 /* Which of those were measured: lanes of -1 or 0. */
 INLINE IVEC load_mask(global const ushort *row, int window, int block, int e, int outgoing)

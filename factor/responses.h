@@ -30,6 +30,7 @@ struct responses {
     size_t lead;     /* floats before the first row, a multiple of lanes */
     size_t size;     /* floats of one channel, with leads and zeros */
     size_t zeros;    /* index of the row of zeros */
+    bool half;       /* values are stored as half floats */
     int mask_needed; /* some entry inside the sample was not measured */
     int negative;    /* some measured entry is below zero */
     float *values[RESPONSES_CHANNELS];

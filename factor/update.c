@@ -82,9 +82,9 @@ static int build(struct update *u, struct nacre_error *error)
     char options[256];
     (void)snprintf(options, sizeof options,
                    "-DLANES=%d -DROWS=%d -DSTEPS=%d -DGROUP=%d -DCLUSTERED=%d -DMASKED=%d "
-                   "-DNEGATIVE=%d",
+                   "-DNEGATIVE=%d -DHALF=%d",
                    r->lanes, u->tile.rows, u->tile.steps, u->tile.group,
-                   u->layout.problem->clusters > 1, r->mask_needed, r->negative);
+                   u->layout.problem->clusters > 1, r->mask_needed, r->negative, r->half);
     if (opencl_build(u->layout.opencl, &update_cl, options, &u->program, error) != NACRE_OK) {
         return NACRE_FAILED;
     }

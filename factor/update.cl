@@ -63,7 +63,7 @@ INLINE void spread_kernels(global float *strip, global const float *kernels,
 
 /* The rows that a work-item's point rows share with one row of the other factor. */
 struct rows {
-    global const float *responses[ROWS];
+    global const stored *responses[ROWS];
     global const ushort *mask[ROWS];
     global const float *g[ROWS];       /* K values, or with clusters a spread row */
     global const float *inverse[ROWS]; /* 1 / kernel, K values */
@@ -121,7 +121,7 @@ INLINE VEC finish_entry(const struct rows *rows, VEC *v, VEC *w, int r, int b, i
     VEC error = 0;
     VEC g;
     if (CLUSTERED) {
-        g = load_entry(rows->g[r], s.window, b, e, outgoing);
+        g = load_floats(rows->g[r], s.window, b, e, outgoing);
     } else {
         g = (VEC)(rows->g[r][e]);
     }
@@ -170,7 +170,7 @@ INLINE void phase_2(const struct rows *rows, const VEC *v, const VEC *w, global 
     for (int j = 0; j < count; j++) {
 #if PREFETCH
         for (int r = 0; t == 0 && r < ROWS; r++) {
-            global const float *next =
+            global const stored *next =
                 rows->responses[r] + ((b + PREFETCH) * s.window + e + j) * LANES;
             __builtin_prefetch((const void *)(size_t)next);
         }
@@ -262,7 +262,7 @@ INLINE void apply(global float *own, global const float *sums, int first, const 
 
 /* The update of one factor, the objective before it, or both. objectives: [items][window + ROWS - 1], one sum of
  * W^2 (R - V)^2 for each row of the other factor. */
-INLINE void update(global const float *responses, global const ushort *mask,
+INLINE void update(global const stored *responses, global const ushort *mask,
                    global const int *labels, global const float *kernels,
                    global const float *inverses, global float *own, global const float *other,
                    global float *scratch, global float *objectives, const struct sizes s,
@@ -291,12 +291,11 @@ INLINE void update(global const float *responses, global const ushort *mask,
             rows.mask[r] = mask + (MASKED ? at / LANES : 0);
             global float *strip = strips + r * (s.row + 2 * s.lead) + s.lead;
             if (CLUSTERED) {
-                rows.g[r] = used ? strip : responses + zeros;
+                rows.g[r] = strip;
+                spread_kernels(strip, kernels, labels + (used ? lit_y : 0) * s.label_stride + s.pad,
+                               used ? v : s.window, s);
             } else {
                 rows.g[r] = kernels + (used ? v : s.window) * s.window;
-            }
-            if (CLUSTERED && used) {
-                spread_kernels(strip, kernels, labels + lit_y * s.label_stride + s.pad, v, s);
             }
             rows.inverse[r] = inverses + (used ? v : s.window) * s.window;
         }
@@ -314,7 +313,7 @@ INLINE void update(global const float *responses, global const ushort *mask,
 }
 
 #define ARGUMENTS                                                                                  \
-    global const float *responses, global const ushort *mask, global const int *labels,            \
+    global const stored *responses, global const ushort *mask, global const int *labels,           \
         global const float *kernels, global const float *inverses, global float *own,              \
         global float *other, global float *scratch, global float *objectives,                      \
         const struct sizes s, const struct rule rule
