@@ -418,6 +418,110 @@ static int write_factors(struct method *method, int channel, const float *f, con
     return status == NACRE_OK ? begin_channel(m, c, error) : status;
 }
 
+/* Saving and loading: the part of a channel's state that is no factor, then F before and after extrapolation, H before
+ * and after it. Buffers being made carry nothing over. */
+struct saved {
+    double objective;
+    float share, share_limit;
+    int32_t level, pilot_steps, refused, exact, measured, ahead;
+};
+
+enum { SAVED_FACTORS = 4 };
+
+static size_t saved_floats(const struct hals *m) /* of one factor */
+{
+    const struct problem *p = m->layout.problem;
+    return (size_t)p->terms * (size_t)p->responses->height * (size_t)p->responses->width;
+}
+
+static size_t state_size(const struct method *method)
+{
+    const struct hals *m = (const struct hals *)method;
+    return sizeof(struct saved) + SAVED_FACTORS * saved_floats(m) * sizeof(float);
+}
+
+static int save_state(struct method *method, int channel, void *state, struct nacre_error *error)
+{
+    struct hals *m = (struct hals *)method;
+    const struct channel *c = &m->channels[channel];
+    const cl_mem factors[SAVED_FACTORS] = {c->last_f, c->ahead_f, c->last_h, c->model_h};
+    const struct saved saved = {.objective = c->objective,
+                                .share = c->share,
+                                .share_limit = c->share_limit,
+                                .level = c->level,
+                                .pilot_steps = c->pilot_steps,
+                                .refused = c->refused,
+                                .exact = c->exact,
+                                .measured = c->measured,
+                                .ahead = c->from_f == c->ahead_f};
+    float *to = (float *)((char *)state + sizeof saved);
+    int status = NACRE_OK;
+    memcpy(state, &saved, sizeof saved);
+    for (int i = 0; i < SAVED_FACTORS && status == NACRE_OK; i++) {
+        status =
+            layout_read_factor(&m->layout, factors[i], to + (size_t)i * saved_floats(m), error);
+    }
+    return status;
+}
+
+static int load_state(struct method *method, int channel, const void *state,
+                      struct nacre_error *error)
+{
+    struct hals *m = (struct hals *)method;
+    struct channel *c = &m->channels[channel];
+    const cl_mem factors[SAVED_FACTORS] = {c->last_f, c->ahead_f, c->last_h, c->model_h};
+    const float *from = (const float *)((const char *)state + sizeof(struct saved));
+    struct saved saved;
+    int status = NACRE_OK;
+    memcpy(&saved, state, sizeof saved);
+    if (saved.level < 0 || saved.level > 1 || !isfinite(saved.share) ||
+        !isfinite(saved.share_limit) || !isfinite(saved.objective)) {
+        return nacre_fail(error, "the saved state of channel %d is none of hals", channel);
+    }
+    for (int i = 0; i < SAVED_FACTORS && status == NACRE_OK; i++) {
+        status =
+            layout_write_factor(&m->layout, factors[i], from + (size_t)i * saved_floats(m), error);
+    }
+    c->objective = saved.objective;
+    c->share = saved.share;
+    c->share_limit = saved.share_limit;
+    c->level = saved.level;
+    c->pilot_steps = saved.pilot_steps;
+    c->refused = saved.refused;
+    c->exact = saved.exact;
+    c->measured = saved.measured;
+    c->from_f = saved.ahead ? c->ahead_f : c->last_f;
+    c->from_h = c->model_h;
+    return status;
+}
+
+static void explain(const struct method *method, const struct listener *to)
+{
+    const struct hals *m = (const struct hals *)method;
+    const struct problem *p = m->layout.problem;
+    tell(to, "method", "hals: block coordinate descent, %d sweeps, extrapolated with restart",
+         SWEEPS);
+    if (m->options.quadrature && m->levels[0].count < m->levels[1].count) {
+        tell(to, "normal equations",
+             "by quadrature: %d of %d columns and rows of the window stand for all; exact where "
+             "that overshoots",
+             m->levels[0].count, m->levels[1].count);
+    } else {
+        tell(to, "normal equations", "exact, from all %d columns and rows of the window",
+             m->levels[1].count);
+    }
+    if (m->options.pilot > 0 && m->levels[0].count < m->levels[1].count) {
+        tell(to, "pilot", "at most %d steps on those few entries, until one brings less than %g %%",
+             m->options.pilot, 100 * m->options.patience);
+    } else {
+        tell(to, "pilot", "none: the window is small");
+    }
+    tell(to, "tile", "%d rows x %d terms at a time, %d lanes", m->tile.rows, m->tile.group,
+         p->responses->lanes);
+    tell(to, "device memory", "%.1f MiB of factors, beside the responses",
+         7 * (double)(m->layout.factor_floats * sizeof(float)) * p->responses->channels * 0x1p-20);
+}
+
 static void hals_free(struct method *method)
 {
     struct hals *m = (struct hals *)method;
@@ -458,6 +562,10 @@ static const struct method_ops hals_ops = {
     .measure = measure,
     .read = read_factors,
     .write = write_factors,
+    .state_size = state_size,
+    .save = save_state,
+    .load = load_state,
+    .explain = explain,
     .free = hals_free,
 };
 

@@ -3,7 +3,9 @@
 #define FACTOR_METHOD_H
 
 #include "factor/responses.h"
+#include "factor/tell.h"
 
+#include <stddef.h>
 #include <stdint.h>
 
 /* What is to be factored. All of it stays the caller's and must outlive the method. Responses, kernels and factors are
@@ -36,6 +38,16 @@ struct method_ops {
     /* Replace the factors of one channel, values >= 0. */
     int (*write)(struct method *method, int channel, const float *f, const float *h,
                  struct nacre_error *error);
+
+    /* A channel's whole state, from which the method goes on bit for bit: factors, extrapolation and whatever else
+     * decides the next steps. state_size bytes, the same for every channel and at any time; load refuses what cannot
+     * be a state. */
+    size_t (*state_size)(const struct method *method);
+    int (*save)(struct method *method, int channel, void *state, struct nacre_error *error);
+    int (*load)(struct method *method, int channel, const void *state, struct nacre_error *error);
+
+    /* Tell what was chosen for this problem and device, and why. */
+    void (*explain)(const struct method *method, const struct listener *to);
 
     void (*free)(struct method *method);
 };

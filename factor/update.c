@@ -214,6 +214,48 @@ static int write_factors(struct method *method, int channel, const float *f, con
                               : status;
 }
 
+static size_t factor_bytes(const struct update *u)
+{
+    const struct problem *p = u->layout.problem;
+    return (size_t)p->terms * (size_t)p->responses->height * (size_t)p->responses->width *
+           sizeof(float);
+}
+
+/* Nothing but the factors decides the next update. */
+static size_t state_size(const struct method *method)
+{
+    return 2 * factor_bytes((const struct update *)method);
+}
+
+static int save_state(struct method *method, int channel, void *state, struct nacre_error *error)
+{
+    float *f = state, *h = f + factor_bytes((struct update *)method) / sizeof *f;
+    return read_factors(method, channel, f, h, error);
+}
+
+static int load_state(struct method *method, int channel, const void *state,
+                      struct nacre_error *error)
+{
+    const float *f = state, *h = f + factor_bytes((struct update *)method) / sizeof *f;
+    return write_factors(method, channel, f, h, error);
+}
+
+static void explain(const struct method *method, const struct listener *to)
+{
+    const struct update *u = (const struct update *)method;
+    const struct problem *p = u->layout.problem;
+    tell(to, "method", "mu: the paper's multiplicative updates, F once and H once an iteration");
+    tell(to, "tile",
+         "%d rows x %d steps x %d terms at a time, %d lanes: of the tiles that fit the registers "
+         "that which pads %d terms least",
+         u->tile.rows, u->tile.steps, u->tile.group, p->responses->lanes, p->terms);
+    tell(to, "regularisation",
+         p->regularise > 0 ? "updates are raised to the power 1 + %g" : "none (%g)", p->regularise);
+    tell(to, "device memory", "%.1f MiB of factors, %.1f MiB of scratch, beside the responses",
+         2 * (double)(u->layout.factor_floats * sizeof(float)) * p->responses->channels * 0x1p-20,
+         (double)(u->items * (size_t)u->rule.scratch * sizeof(float)) * 0x1p-20);
+}
+
 int update_half_step(struct method *method, int channel, bool of_h, struct nacre_error *error)
 {
     return launch((struct update *)method, channel, of_h ? UPDATE_H : UPDATE_F, error);
@@ -257,6 +299,10 @@ static const struct method_ops update_ops = {
     .measure = measure,
     .read = read_factors,
     .write = write_factors,
+    .state_size = state_size,
+    .save = save_state,
+    .load = load_state,
+    .explain = explain,
     .free = update_free,
 };
 
