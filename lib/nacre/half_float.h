@@ -1,4 +1,4 @@
-/* Rounding to HALF exactly as OpenEXR does when it stores. Private to libnacre. */
+/* HALFs and rounding to them exactly as OpenEXR does when it stores. Private to libnacre. */
 #ifndef NACRE_HALF_FLOAT_H
 #define NACRE_HALF_FLOAT_H
 
@@ -9,5 +9,8 @@ float half_nearest(float value);
 
 /* The same for an array, in place. */
 void half_round(float *values, size_t count);
+
+/* `count` HALFs at any address, in this machine's byte order, as floats. */
+void half_unpack(const char *halves, size_t count, float *values);
 
 #endif

@@ -3,6 +3,7 @@
 
 #include "channel.h"
 #include "exr_stream.h"
+#include "half_float.h"
 #include "scan_window.h"
 
 #include <math.h>
@@ -17,6 +18,7 @@ struct decoder {
     struct exr_stream stream;
     exr_decode_pipeline_t pipeline;
     bool ready;
+    char *packed; /* a tile as it lies in the file, where `plain` */
 };
 
 struct nacre_scan {
@@ -24,6 +26,7 @@ struct nacre_scan {
     char *path;
     struct exr_stream stream;
     int plane_of[3]; /* of each channel as OpenEXR orders them: its index in a response */
+    bool plain;      /* uncompressed, all channels of the same type, in this machine's byte order */
     pthread_mutex_t mutex;
     struct decoder *idle; /* under the mutex */
 };
@@ -36,16 +39,20 @@ size_t nacre_scan_response_size(const struct nacre_scan_info *info)
 void scan_window_clear_outside(const struct nacre_scan_info *info, int x, int y, float *response)
 {
     int radius = (info->window - 1) / 2;
-    for (int c = 0; c < info->channels; c++) {
-        for (int v = 0; v < info->window; v++) {
-            int yo = y + v - radius;
-            bool row_outside = yo < 0 || yo >= info->height;
-            for (int u = 0; u < info->window; u++, response++) {
-                int xo = x + u - radius;
-                if (row_outside || xo < 0 || xo >= info->width) {
-                    *response = 0;
-                }
-            }
+    int first = radius > x ? radius - x : 0;
+    int end = x + radius >= info->width ? info->width - x + radius : info->window;
+    bool rows_inside = y >= radius && y + radius < info->height;
+    if (rows_inside && first == 0 && end == info->window) {
+        return;
+    }
+    for (int row = 0; row < info->channels * info->window; row++, response += info->window) {
+        int yo = y + row % info->window - radius;
+        bool outside = yo < 0 || yo >= info->height;
+        for (int u = 0; u < (outside ? info->window : first); u++) {
+            response[u] = 0;
+        }
+        for (int u = end; u < info->window; u++) {
+            response[u] = 0;
         }
     }
 }
@@ -68,6 +75,7 @@ static int read_channels(struct nacre_scan *scan, struct nacre_error *error)
     }
     scan->info.channels = list->num_channels;
     scan->info.pixel = NACRE_HALF;
+    scan->plain = __BYTE_ORDER__ == __ORDER_LITTLE_ENDIAN__;
     for (int c = 0; c < list->num_channels; c++) {
         const exr_attr_chlist_entry_t *entry = &list->entries[c];
         int index = channel_find(list->num_channels, entry->name.str);
@@ -86,6 +94,7 @@ static int read_channels(struct nacre_scan *scan, struct nacre_error *error)
         if (entry->pixel_type == EXR_PIXEL_FLOAT) {
             scan->info.pixel = NACRE_FLOAT;
         }
+        scan->plain = scan->plain && entry->pixel_type == list->entries[0].pixel_type;
         scan->plane_of[c] = index;
     }
     return NACRE_OK;
@@ -207,6 +216,7 @@ static int check_complete(struct nacre_scan *scan, struct nacre_error *error)
         !lossless(compression)) {
         return refuse(scan, error, "its compression loses data; write it uncompressed or with ZIP");
     }
+    scan->plain = scan->plain && compression == EXR_COMPRESSION_NONE;
     uint64_t tile = (uint64_t)info->window * (uint64_t)info->window * (uint64_t)info->channels *
                     (info->pixel == NACRE_HALF ? 2 : 4);
     uint64_t count = (uint64_t)info->width * (uint64_t)info->height;
@@ -274,8 +284,14 @@ static void decoder_free(struct decoder *decoder)
             (void)exr_decoding_destroy(decoder->stream.context, &decoder->pipeline);
         }
         exr_stream_finish(&decoder->stream);
+        free(decoder->packed);
         free(decoder);
     }
+}
+
+static size_t pixel_bytes(const struct nacre_scan *scan)
+{
+    return scan->info.pixel == NACRE_HALF ? 2 : 4;
 }
 
 /* An idle decoder, or a new one: there are never more than threads that read at once. */
@@ -296,6 +312,13 @@ static struct decoder *decoder_take(struct nacre_scan *scan, struct nacre_error 
     } else if (exr_stream_share(&decoder->stream, &scan->stream, error) != NACRE_OK) {
         free(decoder);
         decoder = NULL;
+    } else if (scan->plain) {
+        decoder->packed = malloc(nacre_scan_response_size(&scan->info) * pixel_bytes(scan));
+        if (!decoder->packed) {
+            (void)nacre_fail_memory(error, scan->path);
+            decoder_free(decoder);
+            decoder = NULL;
+        }
     }
     return decoder;
 }
@@ -306,6 +329,34 @@ static void decoder_return(struct nacre_scan *scan, struct decoder *decoder)
     decoder->next = scan->idle;
     scan->idle = decoder;
     (void)pthread_mutex_unlock(&scan->mutex);
+}
+
+/* A tile that is stored as it is: line after line, in each channel after channel. OpenEXR would ask the system for each
+ * of them. */
+static exr_result_t read_plain(struct decoder *decoder, const struct nacre_scan *scan, int x, int y,
+                               float *response)
+{
+    exr_context_t context = decoder->stream.context;
+    size_t window = (size_t)scan->info.window, line = window * pixel_bytes(scan);
+    const char *from = decoder->packed;
+    exr_chunk_info_t chunk;
+    exr_result_t result = exr_read_tile_chunk_info(context, 0, x, y, 0, 0, &chunk);
+    if (result == EXR_ERR_SUCCESS) {
+        result = chunk.packed_size == nacre_scan_response_size(&scan->info) * pixel_bytes(scan)
+                     ? exr_read_chunk(context, 0, &chunk, decoder->packed)
+                     : EXR_ERR_BAD_CHUNK_LEADER;
+    }
+    for (size_t v = 0; v < window && result == EXR_ERR_SUCCESS; v++) {
+        for (int c = 0; c < scan->info.channels; c++, from += line) {
+            float *to = response + ((size_t)scan->plane_of[c] * window + v) * window;
+            if (scan->info.pixel == NACRE_HALF) {
+                half_unpack(from, window, to);
+            } else {
+                memcpy(to, from, line);
+            }
+        }
+    }
+    return result;
 }
 
 static exr_result_t decode(struct decoder *decoder, const struct nacre_scan *scan, int x, int y,
@@ -353,7 +404,8 @@ int nacre_scan_read(const struct nacre_scan *scan, int x, int y, float *response
     if (!decoder) {
         return NACRE_FAILED;
     }
-    exr_result_t result = decode(decoder, scan, x, y, response);
+    exr_result_t result = scan->plain ? read_plain(decoder, scan, x, y, response)
+                                      : decode(decoder, scan, x, y, response);
     if (result != EXR_ERR_SUCCESS) {
         int status =
             exr_stream_fail(&decoder->stream, result, error,

@@ -471,20 +471,21 @@ static void scan_cut_off_anywhere_is_refused_when_opened(void)
     free(bytes);
 }
 
-/* The tile that is damaged is named; the others can still be read. */
-static void damaged_tile_is_named(void)
+/* The tile that is damaged is named; the others can still be read. Compressed pixels, or the length of those that are
+ * not. */
+static void expect_damage_named(bool compress, size_t skip, size_t count)
 {
     struct nacre_scan_info info = plain();
     struct nacre_error error = {0};
     float *response = allocate(&info);
     size_t size = 0;
-    info.compress = true;
+    info.compress = compress;
     write_scan("good.exr", &info);
     unsigned char *bytes = scratch_load("good.exr", &size);
-    /* the leader of tile (2, 3) at level (0, 0), as it stands before its pixels */
+    /* the leader of tile (2, 3) at level (0, 0), as it stands before its length and its pixels */
     static const int32_t leader[4] = {2, 3, 0, 0};
-    size_t at = scratch_find(bytes, size, leader, sizeof leader) + sizeof leader + 4;
-    memset(bytes + at, 0xff, 40);
+    size_t at = scratch_find(bytes, size, leader, sizeof leader) + sizeof leader + skip;
+    memset(bytes + at, 0x01, count);
     scratch_store("bad.exr", bytes, size);
     free(bytes);
     struct nacre_scan *scan = open_scan("bad.exr");
@@ -499,6 +500,12 @@ static void damaged_tile_is_named(void)
     TEST_ASSERT_EQUAL_INT(0, wrong_entries(scan, 2, 2, response));
     nacre_scan_close(scan);
     free(response);
+}
+
+static void damaged_tile_is_named(void)
+{
+    expect_damage_named(true, 4, 40);
+    expect_damage_named(false, 0, 1);
 }
 
 /* Reading ends with success or an error whatever the bytes are, and prints nothing. */
