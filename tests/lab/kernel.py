@@ -1,0 +1,224 @@
+"""Debian's kernel for the lab: fetched and unpacked, never installed, with modules that Debian does not build."""
+import fcntl
+import glob
+import hashlib
+import lzma
+import os
+import re
+import shutil
+import subprocess
+import tempfile
+import time
+
+# Modules built from Debian's kernel source; the files are paths in it. Edits replace text that must be there.
+EXTRA = {
+    'gpio-sim': {
+        'files': ['drivers/gpio/gpio-sim.c', 'drivers/gpio/gpiolib.h', 'kernel/irq/irq_sim.c'],
+        'objects': 'gpio-sim.o irq_sim.o',
+        # irq_to_desc is not exported to modules.
+        'edits': {'irq_sim.c': [('handle_simple_irq(irq_to_desc(irqnum));', 'generic_handle_irq(irqnum);')]},
+    },
+    'vkms': {'files': ['drivers/gpu/drm/vkms'], 'objects': None, 'edits': {}},
+}
+# What the guest needs before it sees the host's files.
+BOOT = ['virtio_pci', 'virtio_console', '9pnet_virtio', '9p', 'overlay']
+
+
+class Missing(Exception):
+    """The lab cannot be had here; the text says why."""
+
+
+def call(*command, **options):
+    """The standard output of a command that must succeed."""
+    try:
+        done = subprocess.run(command, check=True, capture_output=True, text=True, **options)
+    except FileNotFoundError as error:
+        raise Missing(f'needs the program {command[0]}') from error
+    except subprocess.CalledProcessError as error:
+        lines = (error.stderr or error.stdout).strip().splitlines() or ['no reason given']
+        raise Missing(f'{" ".join(command[:3])}: {lines[-1]}') from error
+    return done.stdout
+
+
+def cache_folder():
+    """Where kernels are kept, outside the tree."""
+    base = os.environ.get('XDG_CACHE_HOME') or os.path.join(os.path.expanduser('~'), '.cache')
+    return os.environ.get('NACRE_LAB_CACHE') or os.path.join(base, 'nacre', 'lab')
+
+
+def recipe():
+    """Changes when this file does, so that what an older one made is not used."""
+    with open(__file__, 'rb') as file:
+        return hashlib.sha256(file.read()).hexdigest()[:12]
+
+
+def kernels():
+    """Folders of complete kernels made by this recipe, newest last."""
+    return sorted(glob.glob(os.path.join(cache_folder(), f'*-{recipe()}')), key=os.path.getmtime)
+
+
+def use(folder):
+    """Mark a kernel as used, and throw away those that nobody used for a week."""
+    os.utime(folder)
+    for other in glob.glob(os.path.join(cache_folder(), '*-*')):
+        if time.time() - os.path.getmtime(other) > 7 * 86400:
+            shutil.rmtree(other)
+    return folder
+
+
+def latest_release():
+    """The release that Debian's meta package stands for, '6.1.0-56-amd64'."""
+    found = re.search(r'Depends: linux-image-(\S+)', call('apt-cache', 'depends', 'linux-image-amd64'))
+    if not found:
+        raise Missing('apt knows no kernel linux-image-amd64')
+    return found.group(1)
+
+
+def download(folder, packages):
+    """Fetch packages; the lists of apt may be older than the archive."""
+    try:
+        call('apt-get', 'download', '-qq', *packages, cwd=folder)
+    except Missing:
+        if os.geteuid() != 0:
+            raise
+        call('apt-get', 'update', '-qq')
+        call('apt-get', 'download', '-qq', *packages, cwd=folder)
+
+
+def unpack_source(work, version):
+    """The few files of the kernel's source that EXTRA names."""
+    prefix = f'linux-source-{version}'
+    members = [f'{prefix}/{name}' for module in EXTRA.values() for name in module['files']]
+    package = glob.glob(f'{work}/{prefix}_*.deb')[0]
+    with subprocess.Popen(['dpkg-deb', '--fsys-tarfile', package], stdout=subprocess.PIPE) as outer, \
+            subprocess.Popen(['tar', 'xO', f'./usr/src/{prefix}.tar.xz'], stdin=outer.stdout,
+                             stdout=subprocess.PIPE) as inner:
+        call('tar', 'xJ', '-C', work, *members, stdin=inner.stdout)
+    return os.path.join(work, prefix)
+
+
+def edit(path, changes):
+    with open(path, encoding='utf-8') as file:
+        text = file.read()
+    for old, new in changes:
+        if old not in text:
+            raise Missing(f'{os.path.basename(path)}: has no "{old}" to replace')
+        text = text.replace(old, new)
+    with open(path, 'w', encoding='utf-8') as file:
+        file.write(text)
+
+
+def build_module(name, source, work, headers, modules):
+    """Build one of EXTRA out of the kernel's tree into modules/extra."""
+    folder = os.path.join(work, name)
+    os.mkdir(folder)
+    for path in EXTRA[name]['files']:
+        for file in [os.path.join(source, path)] if path.endswith(('.c', '.h')) else \
+                glob.glob(os.path.join(source, path, '*')):
+            shutil.copy(file, folder)
+    for file, changes in EXTRA[name]['edits'].items():
+        edit(os.path.join(folder, file), changes)
+    if EXTRA[name]['objects']:
+        with open(os.path.join(folder, 'Kbuild'), 'w', encoding='ascii') as file:
+            # The module may not have the name of one of its objects.
+            os.rename(os.path.join(folder, f'{name}.c'), os.path.join(folder, f'{name}-main.c'))
+            objects = EXTRA[name]['objects'].replace(f'{name}.o', f'{name}-main.o')
+            file.write(f'obj-m := {name}.o\n{name}-objs := {objects}\n')
+    call('make', '-j2', '-C', headers, f'M={folder}', f'CONFIG_DRM_{name.upper()}=m', 'modules')
+    os.makedirs(os.path.join(modules, 'extra'), exist_ok=True)
+    shutil.copy(os.path.join(folder, f'{name}.ko'), os.path.join(modules, 'extra'))
+
+
+def unpack_kernel(path):
+    """The ELF kernel inside a bzImage, which QEMU starts without unpacking."""
+    with open(path, 'rb') as file:
+        data = file.read()
+    start = data.find(b'\xfd7zXZ\0')
+    if start < 0:
+        raise Missing(f'{os.path.basename(path)}: is not compressed with xz')
+    return lzma.LZMADecompressor().decompress(data[start:])
+
+
+def boot_modules(modules):
+    """Files of BOOT and what they need, in the order in which they load."""
+    needs = {}
+    with open(os.path.join(modules, 'modules.dep'), encoding='ascii') as file:
+        for line in file:
+            path, rest = line.split(':')
+            needs[os.path.basename(path).removesuffix('.ko')] = [path, *rest.split()]
+    order = []
+    for name in BOOT:
+        path, *rest = needs[name]
+        order += [other for other in (*reversed(rest), path) if other not in order]
+    return [os.path.join(modules, path) for path in order]
+
+
+def cpio(entries):
+    """A `newc` archive, which the kernel unpacks as its first root, of (name, mode, bytes)."""
+    out = bytearray()
+    for inode, (name, mode, data) in enumerate([*entries, ('TRAILER!!!', 0, b'')], 1):
+        fields = (inode, mode, 0, 0, 1, 0, len(data), 0, 0, 0, 0, len(name) + 1, 0)
+        out += b'070701' + b''.join(b'%08X' % field for field in fields) + name.encode() + b'\0'
+        out += b'\0' * (-len(out) % 4) + data
+        out += b'\0' * (-len(out) % 4)
+    return bytes(out)
+
+
+def make_initramfs(modules, more):
+    """The first root of a guest, with `more` entries for cpio."""
+    busybox = shutil.which('busybox')
+    if not busybox:
+        raise Missing('needs the package busybox-static')
+    entries = [(name, 0o40755, b'') for name in ('bin', 'dev', 'proc', 'sys', 'lower', 'upper', 'root', 'modules')]
+    with open(busybox, 'rb') as file:
+        entries.append(('bin/busybox', 0o100755, file.read()))
+    for number, path in enumerate(boot_modules(modules)):
+        with open(path, 'rb') as file:
+            entries.append((f'modules/{number:02}.ko', 0o100644, file.read()))
+    with open(os.path.join(os.path.dirname(os.path.abspath(__file__)), 'init.sh'), 'rb') as file:
+        entries.append(('init', 0o100755, file.read()))
+    return cpio(entries + more)
+
+
+def make(release, work):
+    """Fill `work`/kernel with what a guest boots from."""
+    version = '.'.join(release.split('.')[:2])
+    flavour = release.rsplit('-', 1)[1]
+    common = release.removesuffix(flavour) + 'common'
+    download(work, [f'linux-image-{release}', f'linux-headers-{release}', f'linux-headers-{common}',
+                    f'linux-kbuild-{version}', f'linux-source-{version}'])
+    tree = os.path.join(work, 'tree')
+    for package in glob.glob(f'{work}/linux-[ihk]*.deb'):
+        call('dpkg-deb', '-x', package, tree)
+    headers = f'{tree}/usr/src/linux-headers-{release}'
+    edit(f'{headers}/Makefile', [('include /usr/src/', f'include {tree}/usr/src/')])
+    source = unpack_source(work, version)
+    made = os.path.join(work, 'kernel')
+    modules = os.path.join(made, 'lib/modules', release)
+    os.makedirs(os.path.dirname(modules))
+    shutil.move(f'{tree}/lib/modules/{release}', modules)
+    for name in EXTRA:
+        build_module(name, source, work, headers, modules)
+    call('depmod', '-b', made, release)
+    with open(os.path.join(made, 'vmlinux'), 'wb') as file:
+        file.write(unpack_kernel(f'{tree}/boot/vmlinuz-{release}'))
+    return made
+
+
+def prepare(say):
+    """Make sure that the newest kernel is in the cache; without a network the newest that is there will do."""
+    os.makedirs(cache_folder(), exist_ok=True)
+    with open(os.path.join(cache_folder(), 'lock'), 'w', encoding='ascii') as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        try:
+            release = latest_release()
+            folder = os.path.join(cache_folder(), f'{release}-{recipe()}')
+            if os.path.isdir(folder):
+                return use(folder)
+            say(f'lab: fetching Debian\'s kernel {release} and building {" and ".join(EXTRA)} for it')
+            with tempfile.TemporaryDirectory(dir=cache_folder()) as work:
+                os.rename(make(release, work), folder)
+        except Missing:
+            if not kernels():
+                raise
+        return use(kernels()[-1])

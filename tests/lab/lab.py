@@ -1,0 +1,148 @@
+#!/usr/bin/env python3
+"""Runs programs as root on real kernel drivers: in a guest of QEMU with Debian's kernel that sees the host's files.
+
+  lab.py prepare          fetch the kernel and build modules for it, once a machine
+  lab.py run COMMAND...   boot once and run each COMMAND (a shell's line) there, in this folder; what it writes comes out
+                          here and what it does to files is lost. Status 0: all succeeded; 1: one failed; 77: no lab here
+  lab.py path             print the kernel's folder
+
+With NACRE_REQUIRE_LAB=1 there being no lab is a failure.
+"""
+import argparse
+import os
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import threading
+
+import kernel
+
+CONSOLE_LINES = 30
+# Passed on to the guest.
+PREFIXES = ('NACRE_', 'ASAN_', 'UBSAN_', 'LSAN_')
+KERNEL_LINE = ('console=ttyS0 loglevel=4 panic=-1 mitigations=off nokaslr no_timer_check random.trust_cpu=on '
+               'tsc=reliable')
+
+
+def environment(folder, limit):
+    release = os.listdir(os.path.join(folder, 'lib/modules'))[0]
+    values = {name: value for name, value in os.environ.items() if name.startswith(PREFIXES)}
+    values |= {'LAB_KERNEL': folder, 'LAB_RELEASE': release, 'LAB_FOLDER': os.getcwd(), 'LAB_LIMIT': str(limit)}
+    return ''.join(f'export {name}={shlex.quote(value)}\n' for name, value in values.items())
+
+
+def make_initramfs(folder, commands, limit):
+    """The guest's first files: the kernel's, and the job."""
+    here = os.path.dirname(os.path.abspath(__file__))
+    with open(os.path.join(here, 'guest.sh'), 'rb') as file:
+        guest = file.read()
+    job = [('job', 0o40755, b''), ('job/guest.sh', 0o100755, guest),
+           ('job/environment', 0o100644, environment(folder, limit).encode()),
+           ('job/commands', 0o100644, ''.join(f'{command}\n' for command in commands).encode())]
+    release = os.listdir(os.path.join(folder, 'lib/modules'))[0]
+    return kernel.make_initramfs(os.path.join(folder, 'lib/modules', release), job)
+
+
+def qemu(folder, work, display, memory):
+    program = shutil.which('qemu-system-x86_64')
+    if not program:
+        raise kernel.Missing('needs the package qemu-system-x86')
+    return [program, '-machine', 'q35', '-accel', 'tcg,thread=multi', '-cpu', 'max', '-smp', '2', '-m', str(memory),
+            '-nodefaults', '-no-reboot', '-no-user-config', '-display', 'none',
+            *([] if display == 'none' else ['-device', display]),
+            '-kernel', f'{folder}/vmlinux', '-initrd', f'{work}/initramfs', '-append', KERNEL_LINE,
+            '-serial', f'file:{work}/console',
+            '-chardev', 'stdio,id=output,signal=off', '-chardev', f'file,id=status,path={work}/status',
+            '-device', 'virtio-serial', '-device', 'virtserialport,chardev=output,name=lab.output',
+            '-device', 'virtserialport,chardev=status,name=lab.status',
+            '-fsdev', 'local,id=host,path=/,security_model=none,readonly=on,multidevs=remap',
+            '-device', 'virtio-9p-pci,fsdev=host,mount_tag=host']
+
+
+def boot(command, seconds):
+    """Run QEMU with its output passed on; whether it ended in time."""
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=sys.stdout) as process:
+        late = threading.Event()
+
+        def stop():
+            late.set()
+            process.kill()
+        timer = threading.Timer(seconds, stop)
+        timer.start()
+        try:
+            process.wait()
+        finally:
+            timer.cancel()
+            process.kill()
+    return not late.is_set()
+
+
+def read(path):
+    try:
+        with open(path, encoding='utf-8', errors='replace') as file:
+            return file.read()
+    except OSError:
+        return ''
+
+
+def report(commands, statuses, in_time, console):
+    """Say what failed; the exit status."""
+    failed = False
+    for number, command in enumerate(commands):
+        status = statuses[number] if number < len(statuses) else None
+        if status != 0:
+            failed = True
+            # Up to 123 a Unity program has told its failures itself.
+            why = 'did not come to its end' if status is None else \
+                'ran out of time' if status == 124 else f'exit status {status}'
+            name = os.path.basename(command.split()[0])
+            print(f'lab.py:1:{name}:FAIL: {why}' if status is None or status > 123 else f'lab: {name}: {why}')
+    if len(statuses) < len(commands):
+        print('lab: the guest ' + ('died' if in_time else 'ran out of time') + '; its last messages:')
+        print('\n'.join(console.splitlines()[-CONSOLE_LINES:]))
+    return 1 if failed else 0
+
+
+def run(options):
+    kernels = kernel.kernels()
+    if not kernels:
+        raise kernel.Missing('no kernel is prepared; run tests/lab/lab.py prepare')
+    with tempfile.TemporaryDirectory(prefix='nacre-lab-') as work:
+        with open(f'{work}/initramfs', 'wb') as file:
+            file.write(make_initramfs(kernels[-1], options.command, options.limit))
+        in_time = boot(qemu(kernels[-1], work, options.display, options.memory), options.timeout)
+        statuses = [int(line.split()[0]) for line in read(f'{work}/status').splitlines()]
+        return report(options.command, statuses, in_time, read(f'{work}/console'))
+
+
+def parse():
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    verbs = parser.add_subparsers(dest='verb', required=True)
+    verbs.add_parser('prepare')
+    verbs.add_parser('path')
+    verb = verbs.add_parser('run')
+    verb.add_argument('--timeout', type=float, default=170, help='seconds that the guest may run')
+    verb.add_argument('--limit', type=float, default=60, help='seconds that one command may run')
+    verb.add_argument('--memory', type=int, default=1024, help='MiB')
+    verb.add_argument('--display', default='none', help="the guest's graphics card, as QEMU calls it: bochs-display")
+    verb.add_argument('command', nargs='+')
+    return parser.parse_args()
+
+
+def main():
+    options = parse()
+    try:
+        if options.verb == 'run':
+            return run(options)
+        folder = kernel.prepare(lambda text: print(text, file=sys.stderr))
+        if options.verb == 'path':
+            print(folder)
+        return 0
+    except kernel.Missing as missing:
+        print(f'lab: {missing}')
+        return 1 if os.environ.get('NACRE_REQUIRE_LAB') == '1' else 77
+
+
+sys.exit(main())
