@@ -8,43 +8,53 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Squared sums of one point. */
+/* Squared sums of one point's measured entries inside the sample. */
 struct sums {
-    size_t measured; /* entries */
+    size_t measured;
     double difference, norm;
 };
 
-static struct sums compare(const struct nacre_material *m, int x, int y, const float *measured,
-                           const float *factored)
+static void add_row(struct sums *sums, const float *measured, const float *factored, int first,
+                    int end)
 {
-    struct sums sums = {0};
-    int half = m->window / 2;
-    for (int c = 0; c < m->channels; c++) {
-        for (int v = 0; v < m->window; v++) {
-            for (int u = 0; u < m->window; u++, measured++, factored++) {
-                int xo = x + u - half, yo = y + v - half;
-                bool inside = xo >= 0 && xo < m->width && yo >= 0 && yo < m->height;
-                double value = (double)*measured, difference = value - (double)*factored;
-                if (inside && isfinite(value)) {
-                    sums.measured++;
-                    sums.difference += difference * difference;
-                    sums.norm += value * value;
-                }
-            }
-        }
+    double difference = 0, norm = 0;
+    int count = 0;
+#pragma omp simd reduction(+ : difference, norm, count)
+    for (int u = first; u < end; u++) {
+        bool known = fabsf(measured[u]) < INFINITY;
+        double value = known ? (double)measured[u] : 0;
+        double apart = known ? value - (double)factored[u] : 0;
+        difference += apart * apart;
+        norm += value * value;
+        count += known;
     }
-    return sums;
+    sums->difference += difference;
+    sums->norm += norm;
+    sums->measured += (size_t)count;
 }
 
-/* Sums of everything but the centre, added afresh: a difference of sums would lose its digits. */
-static struct sums compare_without_centre(const struct nacre_material *m, int x, int y,
-                                          float *measured, const float *factored)
+/* All entries of a point, with and without x_o = x_i. The latter are not taken from sums: that would lose digits. */
+static void compare(const struct nacre_material *m, int x, int y, const float *measured,
+                    const float *factored, struct sums *whole, struct sums *without_centre)
 {
-    size_t area = (size_t)m->window * (size_t)m->window;
-    for (size_t c = 0; c < (size_t)m->channels; c++) {
-        measured[c * area + area / 2] = NAN;
+    int half = m->window / 2, first = x < half ? half - x : 0;
+    int end = x + half >= m->width ? m->width - x + half : m->window;
+    *whole = *without_centre = (struct sums){0};
+    for (int row = 0; row < m->channels * m->window; row++) {
+        int v = row % m->window, yo = y + v - half;
+        if (yo >= 0 && yo < m->height) {
+            add_row(without_centre, measured, factored, first, v == half ? half : end);
+            if (v == half) {
+                add_row(without_centre, measured, factored, half + 1, end);
+                add_row(whole, measured, factored, half, half + 1);
+            }
+        }
+        measured += m->window;
+        factored += m->window;
     }
-    return compare(m, x, y, measured, factored);
+    whole->difference += without_centre->difference;
+    whole->norm += without_centre->norm;
+    whole->measured += without_centre->measured;
 }
 
 static float relative(struct sums sums)
@@ -67,11 +77,11 @@ static int measure_row(const struct error_source *source, const struct nacre_mat
         status = source->read(source->data, x, y, measured, error);
         if (status == NACRE_OK) {
             nacre_material_response(m, x, y, factored);
-            struct sums sums = compare(m, x, y, measured, factored);
-            report->map[point] = relative(sums);
-            *not_measured += sums.measured == 0;
-            report->map_without_centre[point] =
-                relative(compare_without_centre(m, x, y, measured, factored));
+            struct sums whole, without_centre;
+            compare(m, x, y, measured, factored, &whole, &without_centre);
+            report->map[point] = relative(whole);
+            report->map_without_centre[point] = relative(without_centre);
+            *not_measured += whole.measured == 0;
         }
     }
 out:

@@ -112,14 +112,75 @@ float nacre_material_evaluate(const struct nacre_material *material, int channel
     return entry(&r, (int)u, (int)v);
 }
 
+/* Row v of the sum over the terms, each with its kernel if it has one: entries [first, end) of a row of zeros. */
+static void add_terms(const struct response *r, int v, int first, int end, float *row)
+{
+    const struct nacre_material *m = r->material;
+    ptrdiff_t start = (ptrdiff_t)(r->y + v - r->radius) * m->width + r->x - r->radius;
+    for (int t = 0; t < m->terms; t++) {
+        float f = r->f[(size_t)t * r->term + r->point];
+        const float *h = r->h + (ptrdiff_t)((size_t)t * r->term) + start;
+        if (m->layout == NACRE_KERNEL_PER_TERM) {
+            for (int u = first; u < end; u++) {
+                row[u] += f * h[u] * kernel(r, t, u, v);
+            }
+            continue;
+        }
+#pragma omp simd
+        for (int u = first; u < end; u++) {
+            row[u] += f * h[u];
+        }
+    }
+}
+
+/* Multiply row v by G(x_i, x_o) of the layouts that have it outside the sum. */
+static void multiply_kernels(const struct response *r, int v, int first, int end, float *row)
+{
+    const struct nacre_material *m = r->material;
+    if (m->layout == NACRE_KERNEL_SINGLE && m->mixed == 1) {
+        float weight = m->weights[r->point];
+        size_t at = (size_t)m->ids[r->point] * (size_t)m->channels + (size_t)r->channel;
+        const float *g = m->kernels + (at * (size_t)m->window + (size_t)v) * (size_t)m->window;
+#pragma omp simd
+        for (int u = first; u < end; u++) {
+            row[u] *= weight * g[u];
+        }
+        return;
+    }
+    for (int u = first; u < end; u++) {
+        row[u] *= mixed_kernel(r, u, v,
+                               (size_t)(r->y + v - r->radius) * (size_t)m->width +
+                                   (size_t)(r->x + u - r->radius));
+    }
+}
+
+/* Row v of the response: entry() of each, a row at a time, which is many times faster. */
+static void fill_row(const struct response *r, int v, float *row)
+{
+    const struct nacre_material *m = r->material;
+    int yo = r->y + v - r->radius;
+    int first = r->x < r->radius ? r->radius - r->x : 0;
+    int end = r->x + r->radius >= m->width ? m->width - r->x + r->radius : m->window;
+    memset(row, 0, (size_t)m->window * sizeof *row);
+    if (yo < 0 || yo >= m->height) {
+        return;
+    }
+    add_terms(r, v, first, end, row);
+    if (m->layout != NACRE_KERNEL_PER_TERM) {
+        multiply_kernels(r, v, first, end, row);
+    }
+    if (m->centre && v == r->radius) {
+        row[r->radius] += m->centre[(size_t)r->channel * r->plane + r->point];
+    }
+}
+
 void nacre_material_response(const struct nacre_material *material, int x, int y, float *response)
 {
     for (int c = 0; c < material->channels; c++) {
         struct response r = begin(material, c, x, y);
         for (int v = 0; v < material->window; v++) {
-            for (int u = 0; u < material->window; u++) {
-                *response++ = entry(&r, u, v);
-            }
+            fill_row(&r, v, response);
+            response += material->window;
         }
     }
 }
