@@ -13,35 +13,6 @@ static const char usage[] =
     "usage: bench_field candle|marble -o SCAN [--size WIDTH HEIGHT K] [--channels 1|3] [--seed N]\n"
     "       bench_field --describe SCAN ...";
 
-/* Rows are made by all threads and written in order, so that the memory taken is that of a row. */
-static void write_scan(const struct field *field, const char *path)
-{
-    const struct nacre_scan_info *info = &field->info;
-    size_t size = nacre_scan_response_size(info);
-    float *row = allocate((size_t)info->width * size * sizeof *row);
-    struct nacre_scan_writer *writer = NULL;
-    struct nacre_error error = {0};
-    if (nacre_scan_create(path, info, &writer, &error) != NACRE_OK) {
-        fail(error.text);
-    }
-    for (int y = 0; y < info->height; y++) {
-#pragma omp parallel for schedule(dynamic, 8)
-        for (int x = 0; x < info->width; x++) {
-            field_response(field, x, y, row + (size_t)x * size);
-        }
-        for (int x = 0; x < info->width; x++) {
-            if (nacre_scan_write(writer, x, y, row + (size_t)x * size, &error) != NACRE_OK) {
-                nacre_scan_discard(writer);
-                fail(error.text);
-            }
-        }
-    }
-    if (nacre_scan_commit(writer, &error) != NACRE_OK) {
-        fail(error.text);
-    }
-    free(row);
-}
-
 static int describe_scans(char **paths, int count)
 {
     struct nacre_error error = {0};
@@ -104,7 +75,7 @@ int main(int argc, char **argv)
     }
     struct field field = field_new(marble ? FIELD_MARBLE : FIELD_CANDLE, width, height, window,
                                    channels, (uint64_t)seed);
-    write_scan(&field, path);
+    field_write(&field, path);
     field_finish(&field);
     return EXIT_SUCCESS;
 }

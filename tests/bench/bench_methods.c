@@ -1,118 +1,171 @@
-/* Seconds to the objective that 1000 of the paper's updates reach: the default method against them, on scans. */
-#include "timing.h"
+/* Seconds to the objective that 1000 of the paper's updates reach, on the paper's sizes: `hals` beside sgemm, a plain
+ * program, our updates, and a baseline that does not depend on how good those are. */
+#include "race.h"
 
-#include "factor/factorize.h"
 #include "factor/layout.h"
+#include "factor/update.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
-enum { UPDATES = 1000, STEPS = 200, ROUNDS = 5 };
+enum { RACES = 6 };
 
-/* The share of sgemm's rate that the pinned baseline, a thousand updates, is taken to run at. */
-#define PINNED_SHARE 0.45
+/* Times sooner than the pinned baseline that are asked for: 60 with few clusters, with many 30, or 20 with many terms. */
+static int asked_ratio(const struct bench_case *c)
+{
+    if (c->clusters <= 5) {
+        return 60;
+    }
+    return c->terms <= 12 ? 30 : 20;
+}
 
-static struct nacre_material factor(const struct responses *responses, enum factor_method method,
-                                    int terms, int clusters, int iterations,
-                                    const struct opencl *opencl)
+/* A hundredth of what a Numba program takes for CASE_UPDATES updates with 100 clusters, measured elsewhere once. */
+static double numba_goal(const struct bench_case *c)
+{
+    return c->kind == FIELD_CANDLE ? 2.6 : 6.6;
+}
+
+static bool agrees(double value, double expected)
+{
+    return fabs(value - expected) <= CASE_TOLERANCE * expected;
+}
+
+/* The updates to their end, against the goal that is kept. */
+static bool verify(const struct bench_case *c, const struct opencl *opencl)
 {
     struct nacre_error error = {0};
-    struct factor_options options = factor_options_default();
-    struct factor_summary summary = {0};
-    struct nacre_material material;
-    options.method = method;
-    options.terms = terms;
-    options.clusters = clusters;
-    options.iterations = iterations;
-    options.tolerance = 0;
-    if (factorize_responses(responses, 1, &options, opencl, NULL, &material, &summary, &error) !=
-        NACRE_OK) {
+    struct case_problem made;
+    struct method *mu = NULL;
+    case_make(c, layout_lanes(opencl), &made);
+    int status = update_new(opencl, &made.problem, NULL, &mu, &error);
+    for (int i = 0; i < CASE_UPDATES && status == NACRE_OK; i++) {
+        status = mu->ops->step(mu, 0, NULL, &error);
+    }
+    if (status != NACRE_OK) {
         fail(error.text);
     }
-    factor_summary_finish(&summary);
-    return material;
+    double reached = case_objective(&made, mu);
+    bool same = agrees(reached, c->goal);
+    printf("goal of %s: kept %.6g, reached %.6g: %s\n", c->name, c->goal, reached,
+           same ? "the same" : "DIFFERENT, run bench_goals");
+    method_free(mu);
+    case_finish(&made);
+    return same;
 }
 
-static double sgemm_rate(void)
+/* What one race gave beside the table. */
+static void print_details(const struct race *r)
 {
-    struct sgemm sgemm = sgemm_new();
-    double rates[ROUNDS];
-    (void)sgemm_run(&sgemm);
-    for (int i = 0; i < ROUNDS; i++) {
-        rates[i] = 2 * pow(SGEMM_SIZE, 3) / sgemm_run(&sgemm).wall;
+    struct moment rate = race_sgemm(r), pinned = race_pinned(r);
+    double total = 0;
+    printf("%s, k %d: sgemm %.0f GF/s (%.0f a processor second); pinned baseline %.1f s, %.1f "
+           "processor s\n",
+           r->of->name, r->of->clusters, rate.wall * 1e-9, rate.processor * 1e-9, pinned.wall,
+           pinned.processor);
+    printf("  hals: %d pilot steps and %d steps to objective %.6g, goal %.6g; %.2f s, %.2f "
+           "processor s;",
+           r->pilot_steps, r->steps, r->reached, r->of->goal, r->descent.wall,
+           r->descent.processor);
+    for (int i = 0; i < r->profile.count; i++) {
+        total += r->profile.kernels[i].seconds;
     }
-    sgemm_finish(&sgemm);
-    return timing_median(rates, ROUNDS);
-}
-
-static void compare(const char *path, const struct responses *r, int terms, int clusters,
-                    const struct opencl *opencl)
-{
-    struct nacre_material warm = factor(r, FACTOR_METHOD_HALS, terms, clusters, 2, opencl);
-    nacre_material_finish(&warm); /* its kernels are compiled now */
-    warm = factor(r, FACTOR_METHOD_MU, terms, clusters, 2, opencl);
-    nacre_material_finish(&warm);
-    double rate = sgemm_rate();
-    struct nacre_material mu = factor(r, FACTOR_METHOD_MU, terms, clusters, UPDATES, opencl);
-    struct nacre_material hals = factor(r, FACTOR_METHOD_HALS, terms, clusters, STEPS, opencl);
-    rate = (rate + sgemm_rate()) / 2;
-    double flops = 12.0 * terms * r->channels * entries_inside(r->width, r->height, r->window);
-    double pinned = UPDATES * flops / (PINNED_SHARE * rate),
-           seconds = mu.history_seconds[UPDATES - 1];
-    float goal = mu.history_objective[UPDATES - 1];
-    int step = 0;
-    while (step < hals.iterations && hals.history_objective[step] > goal) {
-        step++;
+    for (int i = 0; i < r->profile.count; i++) {
+        const struct profile_kernel *k = &r->profile.kernels[i];
+        printf(" %s %d x %.3f s (%.0f %%)", k->name, k->launches, k->seconds / k->launches,
+               100 * k->seconds / total);
     }
-    printf("%s  %d x %d K %d, %d channels, T %d k %d\n", path, r->width, r->height, r->window,
-           r->channels, terms, clusters);
-    printf(
-        "  mu    %8.4f s/iteration  %5.1f %% of sgemm's %.0f GF/s  %8.2f s to its objective %.6g,"
-        " error %.4f\n",
-        seconds / UPDATES, 100 * flops * UPDATES / seconds / rate, rate * 1e-9, seconds,
-        (double)goal, mu.error_mean);
-    if (step < hals.iterations) {
-        double reached = hals.history_seconds[step];
-        printf(
-            "  hals  %8.2f s to that objective in %d steps: %.1f times sooner than mu, %.1f times "
-            "sooner than the pinned baseline (%.2f s)\n",
-            reached, step + 1, seconds / reached, pinned / reached, pinned);
-    } else {
-        printf("  hals  did not reach that objective in %d steps\n", STEPS);
+    printf("\n");
+    if (!agrees(r->prefix, r->of->prefix)) {
+        printf("  the objective after %d updates is %.6g and not %.6g: the goal is not this "
+               "problem's, run bench_goals\n",
+               CASE_PREFIX, r->prefix, r->of->prefix);
     }
-    printf("        %8.2f s for %d steps: objective %.6g, error %.4f\n",
-           (double)hals.history_seconds[STEPS - 1], STEPS,
-           (double)hals.history_objective[STEPS - 1], hals.error_mean);
     (void)fflush(stdout);
-    nacre_material_finish(&mu);
-    nacre_material_finish(&hals);
 }
 
-/* Arguments: SCAN TERMS CLUSTERS, any number of such triples. */
+static void print_head(void)
+{
+    printf("\nRatios: wall / processor time. Goal: the objective of %d updates. Share of sgemm by "
+           "processor time.\n\n",
+           CASE_UPDATES);
+    printf("| size | K | T | clusters | method | s/iteration | share of sgemm | s to the goal | "
+           "times sooner than our mu | than plain OpenMP C | than the pinned baseline | asked | "
+           "Numba's time / 100 |\n");
+    printf("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n");
+}
+
+static void print_ratio(struct moment slow, struct moment fast)
+{
+    printf(" %.1f / %.1f |", slow.wall / fast.wall, slow.processor / fast.processor);
+}
+
+static void print_start(const struct race *r, const char *method)
+{
+    const struct bench_case *c = r->of;
+    printf("| %s, %d x %d | %d | %d | %d | %s |", c->name, c->width, c->height, c->window, c->terms,
+           c->clusters, method);
+}
+
+static struct moment times(struct moment a, double factor)
+{
+    return (struct moment){a.wall * factor, a.processor * factor};
+}
+
+static void print_rows(const struct race *r)
+{
+    struct moment mu = times(r->update, CASE_UPDATES), peer = times(r->peer, CASE_UPDATES);
+    double share = r->flops / r->update.processor / race_sgemm(r).processor;
+    print_start(r, "mu");
+    printf(" %.3f | %.0f %% | %.0f | |", r->update.wall, 100 * share, mu.wall);
+    print_ratio(peer, mu);
+    print_ratio(race_pinned(r), mu);
+    printf(" | |\n");
+    print_start(r, "hals");
+    if (r->steps == 0) {
+        printf(" | | not reached | | | | %d | %.1f s |\n", asked_ratio(r->of), numba_goal(r->of));
+        return;
+    }
+    /* A step on all entries: the first has the pilot in it. */
+    printf(" %.2f | | %.2f |", (r->descent.wall - r->first.wall) / fmax(1, r->steps - 1),
+           r->descent.wall);
+    print_ratio(mu, r->descent);
+    print_ratio(peer, r->descent);
+    print_ratio(race_pinned(r), r->descent);
+    printf(" %d | %.1f s |\n", asked_ratio(r->of), numba_goal(r->of));
+}
+
+/* Arguments: numbers of the cases, from 0; none for all but the smallest. Cases of three channels are left out. */
 int main(int argc, char **argv)
 {
     struct nacre_error error = {0};
     struct opencl opencl;
-    if (argc < 4 || argc % 3 != 1) {
-        fail("usage: bench_methods SCAN TERMS CLUSTERS ...");
-    }
+    struct race races[RACES];
+    int count = 0;
+    bool good = true;
     if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
         (void)fprintf(stderr, "SKIP: %s\n", error.text);
         return 77;
     }
-    for (int i = 1; i < argc; i += 3) {
-        struct nacre_scan *scan = NULL;
-        struct responses responses;
-        if (nacre_scan_open(argv[i], &scan, &error) != NACRE_OK ||
-            responses_load(&responses, scan, layout_lanes(&opencl), NULL, &error) != NACRE_OK) {
-            fail(error.text);
+    printf("%s, %u compute units\n", opencl.name, opencl.compute_units);
+    good = verify(&cases[0], &opencl);
+    for (int i = 0; cases[i].name && count < RACES; i++) {
+        bool wanted = argc == 1 && i > 0;
+        for (int a = 1; a < argc; a++) {
+            wanted |= strtol(argv[a], NULL, 10) == i;
         }
-        compare(argv[i], &responses, (int)strtol(argv[i + 1], NULL, 10),
-                (int)strtol(argv[i + 2], NULL, 10), &opencl);
-        responses_finish(&responses);
-        nacre_scan_close(scan);
+        if (wanted && cases[i].channels == 1 && cases[i].goal > 0) {
+            races[count] = race_run(&cases[i], &opencl);
+            print_details(&races[count]);
+            good &= races[count].steps > 0 && agrees(races[count].prefix, cases[i].prefix);
+            count++;
+        }
+    }
+    print_head();
+    for (int i = 0; i < count; i++) {
+        print_rows(&races[i]);
     }
     opencl_close(&opencl);
-    return EXIT_SUCCESS;
+    return good ? EXIT_SUCCESS : EXIT_FAILURE;
 }

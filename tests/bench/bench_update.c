@@ -57,7 +57,8 @@ static double time_peer(const struct shape *s, const float *responses, const flo
                         .window = s->window,
                         .terms = s->terms,
                         .responses = responses,
-                        .kernel = kernel,
+                        .ids = allocate((size_t)s->width * (size_t)s->height * sizeof(uint32_t)),
+                        .kernels = kernel,
                         .f = allocate(count * sizeof(float)),
                         .h = allocate(count * sizeof(float))};
     for (size_t i = 0; i < count; i++) {
@@ -68,6 +69,7 @@ static double time_peer(const struct shape *s, const float *responses, const flo
     peer_update(&peer, false);
     peer_update(&peer, true);
     double seconds = timing_since(start).wall;
+    free((void *)peer.ids);
     free(peer.f);
     free(peer.h);
     return seconds;

@@ -288,3 +288,32 @@ struct responses field_load(const struct field *f, int lanes)
     responses_scale(&responses);
     return responses;
 }
+
+/* Rows are made by all threads and written in order. */
+void field_write(const struct field *field, const char *path)
+{
+    const struct nacre_scan_info *info = &field->info;
+    size_t size = nacre_scan_response_size(info);
+    float *row = allocate((size_t)info->width * size * sizeof *row);
+    struct nacre_scan_writer *writer = NULL;
+    struct nacre_error error = {0};
+    if (nacre_scan_create(path, info, &writer, &error) != NACRE_OK) {
+        fail(error.text);
+    }
+    for (int y = 0; y < info->height; y++) {
+#pragma omp parallel for schedule(dynamic, 8)
+        for (int x = 0; x < info->width; x++) {
+            field_response(field, x, y, row + (size_t)x * size);
+        }
+        for (int x = 0; x < info->width; x++) {
+            if (nacre_scan_write(writer, x, y, row + (size_t)x * size, &error) != NACRE_OK) {
+                nacre_scan_discard(writer);
+                fail(error.text);
+            }
+        }
+    }
+    if (nacre_scan_commit(writer, &error) != NACRE_OK) {
+        fail(error.text);
+    }
+    free(row);
+}

@@ -30,7 +30,7 @@ static void add_pairs(const struct peer *p, bool of_h, int x, int y, float *nume
             for (int t = 0; t < terms; t++) {
                 product += own[t] * other[t];
             }
-            product *= p->kernel[entry];
+            product *= p->kernels[p->ids[lit] * p->window * p->window + entry];
             for (int t = 0; t < terms; t++) {
                 numerator[t] += response * other[t];
                 denominator[t] += product * other[t];

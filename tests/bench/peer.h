@@ -3,12 +3,14 @@
 #define TESTS_BENCH_PEER_H
 
 #include <stdbool.h>
+#include <stdint.h>
 
-/* One channel and one kernel. */
+/* One channel. */
 struct peer {
     int width, height, window, terms;
     const float *responses; /* [height][width][K][K] */
-    const float *kernel;    /* [K][K] */
+    const uint32_t *ids;    /* [height][width]: the cluster of each point */
+    const float *kernels;   /* [clusters][K][K] */
     float *f, *h;           /* [height][width][terms] */
 };
 
