@@ -4,6 +4,7 @@
 
 #include "nacre/error.h"
 
+#include <stdbool.h>
 #include <stdint.h>
 
 struct trigger;
@@ -17,9 +18,17 @@ struct trigger_ops {
     void (*close)(struct trigger *trigger);
 };
 
+/* What a trigger measured of a pulse that it timed itself; zero where it did not. */
+struct trigger_pulse {
+    int64_t rise_ns, width_ns; /* on the station's clock */
+    int64_t doubt_ns;          /* the width may be wrong by this */
+    bool realtime;             /* timed with priority over other programs */
+};
+
 /* A concrete trigger embeds this as its first member. */
 struct trigger {
     const struct trigger_ops *ops;
+    struct trigger_pulse pulse; /* the last one */
 };
 
 #endif

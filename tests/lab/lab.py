@@ -5,6 +5,7 @@
   lab.py run COMMAND...   boot once and run each COMMAND (a shell's line) there, in this folder; what it writes comes out
                           here and what it does to files is lost. Status 0: all succeeded; 1: one failed; 77: no lab here
   lab.py path             print the kernel's folder
+  lab.py missing WHAT     end as a test that cannot be run for want of WHAT
 
 With NACRE_REQUIRE_LAB=1 there being no lab is a failure.
 """
@@ -23,7 +24,7 @@ CONSOLE_LINES = 30
 # Passed on to the guest.
 PREFIXES = ('NACRE_', 'ASAN_', 'UBSAN_', 'LSAN_')
 KERNEL_LINE = ('console=ttyS0 loglevel=4 panic=-1 mitigations=off nokaslr no_timer_check random.trust_cpu=on '
-               'tsc=reliable')
+               'tsc=reliable rcupdate.rcu_expedited=1')
 
 
 def environment(folder, limit):
@@ -122,6 +123,7 @@ def parse():
     verbs = parser.add_subparsers(dest='verb', required=True)
     verbs.add_parser('prepare')
     verbs.add_parser('path')
+    verbs.add_parser('missing').add_argument('what')
     verb = verbs.add_parser('run')
     verb.add_argument('--timeout', type=float, default=170, help='seconds that the guest may run')
     verb.add_argument('--limit', type=float, default=60, help='seconds that one command may run')
@@ -134,6 +136,8 @@ def parse():
 def main():
     options = parse()
     try:
+        if options.verb == 'missing':
+            raise kernel.Missing(f'needs {options.what}')
         if options.verb == 'run':
             return run(options)
         folder = kernel.prepare(lambda text: print(text, file=sys.stderr))
