@@ -12,13 +12,16 @@
 
 struct factor_settings {
     const char *output;
-    int method, terms, clusters, iterations, kernel, store, seed;
+    int method, terms, clusters, iterations, kernel, store, responses, seed;
     double tolerance, epsilon, regularise;
 };
 
 static const char *const method_words[] = {"hals", "mu", NULL};           /* enum factor_method */
 static const char *const kernel_words[] = {"average", "max", NULL};       /* enum kernels_kind */
 static const char *const store_words[] = {"auto", "float", "half", NULL}; /* enum factor_store */
+
+static const char *const responses_words[] = {"auto", "float", "half",
+                                              NULL}; /* enum responses_store */
 
 static const struct option_spec factor_options[] = {
     {.name = "output",
@@ -102,6 +105,14 @@ static const struct option_spec factor_options[] = {
      .fallback = "auto",
      .offset = offsetof(struct factor_settings, store),
      .sentence = "how F and H are stored; auto: as half floats if the error stays as it is"},
+    {.name = "responses",
+     .kind = OPTION_CHOICE,
+     .words = responses_words,
+     .fallback = "auto",
+     .offset = offsetof(struct factor_settings, responses),
+     .sentence =
+         "how responses are held while factoring: half floats take half the memory; auto: as "
+         "the scan has them"},
     {.name = "seed",
      .kind = OPTION_INT,
      .argument = "N",
@@ -175,6 +186,7 @@ static struct factor_options to_options(const struct factor_settings *s)
                                    .tolerance = s->tolerance,
                                    .epsilon = s->epsilon,
                                    .store = (enum factor_store)s->store,
+                                   .responses = (enum responses_store)s->responses,
                                    .seed = s->seed,
                                    .regularise = s->regularise};
 }

@@ -85,19 +85,8 @@ static void assemble_albedo(const struct responses *r, int channel, float *albed
 #pragma omp parallel for
     for (int y = 0; y < r->height; y++) {
         for (int x = 0; x < r->width; x++) {
-            double sum = 0;
-            size_t measured = 0;
-            for (int v = 0; v < r->window; v++) {
-                for (int u = 0; u < r->window; u++) {
-                    size_t index = responses_index(r, x, y, u, v);
-                    if (responses_is_measured(r, channel, index)) {
-                        sum += (double)r->values[channel][index];
-                        measured++;
-                    }
-                }
-            }
             albedo[y * r->width + x] =
-                measured ? (float)ldexp(sum, r->exponent[channel]) : (float)NAN;
+                (float)ldexp(responses_sum(r, channel, x, y), r->exponent[channel]);
         }
     }
 }

@@ -203,24 +203,12 @@ static int allocate_material(const struct responses *r, double pitch_mm,
                                                       : nacre_fail_memory(error, "the history");
 }
 
-struct responses_source {
-    const struct responses *responses;
-};
-
 /* A response in its own unit, as error_source wants it. */
 static int read_responses(const void *data, int x, int y, float *response,
                           struct nacre_error *error)
 {
-    const struct responses *r = ((const struct responses_source *)data)->responses;
-    size_t area = (size_t)r->window * (size_t)r->window;
     (void)error;
-    for (int c = 0; c < r->channels; c++) {
-        float *window = response + (size_t)c * area;
-        responses_get(r, c, x, y, window);
-        for (size_t i = 0; i < area; i++) {
-            window[i] = ldexpf(window[i], r->exponent[c]);
-        }
-    }
+    responses_read(data, x, y, response);
     return NACRE_OK;
 }
 
@@ -230,8 +218,7 @@ static int round_and_measure(const struct responses *r, enum factor_store store,
                              struct nacre_material *m, struct factor_summary *summary,
                              struct nacre_error *error)
 {
-    struct responses_source source = {r};
-    struct error_source from = {&source, read_responses};
+    struct error_source from = {r, read_responses};
     size_t count =
         (size_t)m->terms * (size_t)m->factor_channels * (size_t)m->width * (size_t)m->height;
     float *exact = NULL;
@@ -341,7 +328,8 @@ int factorize(const struct nacre_scan *scan, const struct factor_options *option
     double started = seconds_now(), reading = 0;
     *material = (struct nacre_material){0};
     *summary = (struct factor_summary){0};
-    int status = responses_load(&responses, scan, layout_lanes(opencl), progress, error);
+    int status =
+        responses_load(&responses, scan, layout_lanes(opencl), options->responses, progress, error);
     if (status != NACRE_OK) {
         return status;
     }

@@ -29,6 +29,7 @@ struct factor_options {
         tolerance; /* stop when five iterations lower the objective by less than five times this share; 0: never */
     double epsilon; /* relative to each kernel's maximum */
     enum factor_store store;
+    enum responses_store responses;
     int seed;
     double regularise; /* 0: not; see docs/factorization.md */
 };

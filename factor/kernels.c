@@ -5,10 +5,11 @@
 #include <stdlib.h>
 
 /* One row dy of the kernels of one channel being gathered: sum or maximum and count, [clusters + 1][K], the last of all
- * points. */
+ * points; and that row of one response. */
 struct row {
     double *value;
     size_t *count;
+    float *response;
 };
 
 static void take(const struct row *row, size_t at, enum kernels_kind kind, double value)
@@ -36,12 +37,12 @@ static void gather_row(const struct responses *r, const uint32_t *ids, int clust
     for (int y = 0; y < r->height; y++) {
         for (int x = 0; x < r->width; x++) {
             size_t own = ids[y * r->width + x];
-            for (int u = 0; u < r->window; u++) {
-                size_t index = responses_index(r, x, y, u, v);
-                if (responses_is_measured(r, channel, index)) {
-                    double value = (double)r->values[channel][index];
-                    take(row, own * window + (size_t)u, kind, value);
-                    take(row, (size_t)clusters * window + (size_t)u, kind, value);
+            responses_get_row(r, channel, x, y, v, row->response);
+            for (size_t u = 0; u < window; u++) {
+                double value = (double)row->response[u];
+                if (!isnan(value)) {
+                    take(row, own * window + u, kind, value);
+                    take(row, (size_t)clusters * window + u, kind, value);
                 }
             }
         }
@@ -98,8 +99,9 @@ static int compute_channel(const struct responses *r, const uint32_t *ids, int c
 #pragma omp parallel for schedule(dynamic)
     for (int v = 0; v < r->window; v++) {
         struct row row = {.value = calloc(entries, sizeof *row.value),
-                          .count = calloc(entries, sizeof *row.count)};
-        if (row.value && row.count) {
+                          .count = calloc(entries, sizeof *row.count),
+                          .response = calloc(window, sizeof *row.response)};
+        if (row.value && row.count && row.response) {
             gather_row(r, ids, clusters, kind, channel, v, kernels, &row);
             for (size_t u = 0; u < window; u++) {
                 all[(size_t)v * window + u] =
@@ -111,6 +113,7 @@ static int compute_channel(const struct responses *r, const uint32_t *ids, int c
         }
         free(row.value);
         free(row.count);
+        free(row.response);
     }
     return failed ? NACRE_FAILED : NACRE_OK;
 }

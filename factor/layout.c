@@ -169,15 +169,17 @@ int layout_start_factor(struct layout *l, int channel, bool of_h, cl_mem buffer,
     return status;
 }
 
+/* The responses themselves; where all was measured, one number stands for a mask. */
 static int place_channel(struct layout *l, int channel, struct nacre_error *error)
 {
     const struct responses *r = l->problem->responses;
-    size_t mask_bytes = r->size / (size_t)r->lanes * sizeof(uint16_t);
-    int status = layout_make_buffer(l, r->size * sizeof(float), r->values[channel], true,
-                                    &l->channels[channel].responses, error);
+    void *values = r->half ? (void *)r->halves[channel] : (void *)r->values[channel];
+    size_t bytes = r->size * (r->half ? sizeof(uint16_t) : sizeof(float));
+    uint16_t *mask = r->mask[channel];
+    int status = layout_make_buffer(l, bytes, values, true, &l->channels[channel].responses, error);
     if (status == NACRE_OK) {
-        status = layout_make_buffer(l, mask_bytes, r->mask[channel], true,
-                                    &l->channels[channel].mask, error);
+        bytes = mask ? r->size / (size_t)r->lanes * sizeof *mask : sizeof(float);
+        status = layout_make_buffer(l, bytes, mask, mask, &l->channels[channel].mask, error);
     }
     return status == NACRE_OK ? place_kernels(l, channel, error) : status;
 }

@@ -84,7 +84,7 @@ static void load(struct responses *responses, const struct shape *s, const float
                                    .channels = 1,
                                    .pixel = NACRE_FLOAT,
                                    .pitch_mm = 1};
-    if (responses_begin(responses, &info, lanes, &error) != NACRE_OK) {
+    if (responses_begin(responses, &info, lanes, false, &error) != NACRE_OK) {
         fail(error.text);
     }
 #pragma omp parallel for

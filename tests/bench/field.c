@@ -273,7 +273,7 @@ struct responses field_load(const struct field *f, int lanes)
 {
     struct nacre_error error = {0};
     struct responses responses;
-    if (responses_begin(&responses, &f->info, lanes, &error) != NACRE_OK) {
+    if (responses_begin(&responses, &f->info, lanes, false, &error) != NACRE_OK) {
         fail(error.text);
     }
 #pragma omp parallel for schedule(dynamic)

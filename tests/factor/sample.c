@@ -75,7 +75,7 @@ void sample_scale(struct sample *s, float factor)
     }
 }
 
-struct responses sample_load(const struct sample *s, int lanes)
+static struct responses load(const struct sample *s, int lanes, bool half)
 {
     struct nacre_scan_info info = {.width = s->width,
                                    .height = s->height,
@@ -85,7 +85,7 @@ struct responses sample_load(const struct sample *s, int lanes)
                                    .pitch_mm = 1};
     struct responses responses;
     struct nacre_error error = {0};
-    TEST_ASSERT_EQUAL_MESSAGE(NACRE_OK, responses_begin(&responses, &info, lanes, &error),
+    TEST_ASSERT_EQUAL_MESSAGE(NACRE_OK, responses_begin(&responses, &info, lanes, half, &error),
                               error.text);
     for (int y = 0; y < s->height; y++) {
         for (int x = 0; x < s->width; x++) {
@@ -94,6 +94,16 @@ struct responses sample_load(const struct sample *s, int lanes)
     }
     responses_scale(&responses);
     return responses;
+}
+
+struct responses sample_load(const struct sample *s, int lanes)
+{
+    return load(s, lanes, false);
+}
+
+struct responses sample_load_half(const struct sample *s, int lanes)
+{
+    return load(s, lanes, true);
 }
 
 void sample_punch_holes(struct sample *sample)

@@ -23,7 +23,8 @@ void sample_scale(struct sample *sample, float factor);
 /* Make holes of NaN: single entries, whole responses, a row of points, one channel of a point. */
 void sample_punch_holes(struct sample *sample);
 
-/* Load and scale it. Ends the test where that fails. */
+/* Load and scale it, as floats or as half floats. Ends the test where that fails. */
 struct responses sample_load(const struct sample *sample, int lanes);
+struct responses sample_load_half(const struct sample *sample, int lanes);
 
 #endif
