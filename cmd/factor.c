@@ -6,14 +6,18 @@
 
 #include "nacre/whole_file.h"
 
+#include <errno.h>
 #include <limits.h>
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
 
 struct factor_settings {
-    const char *output;
+    const char *output, *checkpoint;
     int method, terms, clusters, iterations, kernel, store, responses, seed;
-    double tolerance, epsilon, regularise;
+    double tolerance, error, within, epsilon, regularise, checkpoint_every;
+    bool explain;
 };
 
 static const char *const method_words[] = {"hals", "mu", NULL};           /* enum factor_method */
@@ -45,27 +49,46 @@ static const struct option_spec factor_options[] = {
      .argument = "N",
      .minimum = 1,
      .maximum = 1000,
-     .fallback = "12",
      .offset = offsetof(struct factor_settings, terms),
-     .sentence = "terms of the factorization: more follow smoother changes of the material"},
+     .sentence =
+         "terms of the factorization: more follow smoother changes of the material; default "
+         "12, or as --error and --within need"},
     {.name = "clusters",
      .letter = 'k',
      .kind = OPTION_INT,
      .argument = "K",
      .minimum = 1,
      .maximum = 1000000,
-     .fallback = "5",
      .offset = offsetof(struct factor_settings, clusters),
-     .sentence = "kernels: about the number of different materials in the sample"},
+     .sentence = "kernels: about the number of different materials in the sample; default 5, or as "
+                 "--error and --within need"},
     {.name = "iterations",
      .letter = 'i',
      .kind = OPTION_INT,
      .argument = "N",
      .minimum = 1,
      .maximum = 10000000,
-     .fallback = "200",
      .offset = offsetof(struct factor_settings, iterations),
-     .sentence = "updates of F and H at most"},
+     .sentence = "updates of F and H at most, with each choice of terms and clusters; default 200, "
+                 "or as --error and --within need"},
+    {.name = "error",
+     .kind = OPTION_REAL,
+     .argument = "E",
+     .minimum = 0,
+     .maximum = 1,
+     .fallback = "1",
+     .offset = offsetof(struct factor_settings, error),
+     .sentence = "find the smallest material whose mean relative error, as stored, is at most this "
+                 "(0.02 or 2%); 1: any"},
+    {.name = "within",
+     .kind = OPTION_SECONDS,
+     .argument = "TIME",
+     .minimum = 0.001,
+     .maximum = INFINITY,
+     .offset = offsetof(struct factor_settings, within),
+     .sentence =
+         "be done in this time, reading and writing included, with as small an error as can "
+         "be had; together with --error, stop trying by then"},
     {.name = "tolerance",
      .kind = OPTION_REAL,
      .argument = "E",
@@ -113,6 +136,25 @@ static const struct option_spec factor_options[] = {
      .sentence =
          "how responses are held while factoring: half floats take half the memory; auto: as "
          "the scan has them"},
+    {.name = "checkpoint",
+     .kind = OPTION_STRING,
+     .argument = "FILE",
+     .offset = offsetof(struct factor_settings, checkpoint),
+     .sentence =
+         "keep the state of the run in this file, and go on from it if it is there; removed "
+         "when the material is written"},
+    {.name = "checkpoint-every",
+     .kind = OPTION_SECONDS,
+     .argument = "TIME",
+     .minimum = 0,
+     .maximum = INFINITY,
+     .fallback = "1min",
+     .offset = offsetof(struct factor_settings, checkpoint_every),
+     .sentence = "time between two checkpoints; Ctrl-C writes one as well"},
+    {.name = "explain",
+     .kind = OPTION_FLAG,
+     .offset = offsetof(struct factor_settings, explain),
+     .sentence = "say what is chosen and why, before and while it runs"},
     {.name = "seed",
      .kind = OPTION_INT,
      .argument = "N",
@@ -123,7 +165,6 @@ static const struct option_spec factor_options[] = {
      .sentence = "the same seed gives the same material on the same device"},
     {0}};
 
-/* Find out before the work whether its result can be written. */
 static int check_output(const char *path, struct nacre_error *error)
 {
     struct whole_file file = {0};
@@ -132,11 +173,34 @@ static int check_output(const char *path, struct nacre_error *error)
     return status;
 }
 
+static bool chose(const struct factor_summary *s)
+{
+    return s->search.count > 1 ||
+           (s->search.count == 1 && s->search.terms * s->search.clusters == 0);
+}
+
+static void print_tries(const struct factor_summary *s)
+{
+    printf("%-26s %5s %8s %10s %8s %9s %8s  %s\n", "tried", "terms", "clusters", "iterations",
+           "error", "MiB", "seconds", "ended by");
+    for (int i = 0; i < s->search.count; i++) {
+        const struct search_try *t = &s->search.tries[i];
+        printf("%-26s %5d %8d %10d %7.3f%s %9.4g %8.2f  %s\n", "", t->terms, t->clusters,
+               t->iterations, 100 * t->error, t->verified ? "%" : "*", t->bytes * 0x1p-20,
+               t->seconds, t->ended);
+    }
+    printf("%-26s %% of all points, as stored; * of a few points, while iterating\n", "");
+}
+
 static void print_text(const struct nacre_material *m, const struct factor_summary *s,
                        const struct opencl *opencl, const char *path)
 {
+    if (chose(s)) {
+        print_tries(s);
+    }
     printf("%-26s %s on %s: %d terms, %d clusters, %d iterations\n", "method", m->method,
            opencl->name, m->terms, m->clusters, m->iterations);
+    printf("%-26s %s\n", "stopped by", s->stopped_by);
     printf("%-26s %.2f s (reading %.2f s, clustering %.2f s, iterating %.2f s, measuring %.2f s)\n",
            "time",
            s->seconds_reading + s->seconds_clustering + s->seconds_iterating + s->seconds_measuring,
@@ -146,34 +210,70 @@ static void print_text(const struct nacre_material *m, const struct factor_summa
     error_print(&s->error, m, path);
 }
 
+static json_t *tries_to_json(const struct factor_summary *s)
+{
+    json_t *list = json_array();
+    for (int i = 0; i < s->search.count && list; i++) {
+        const struct search_try *t = &s->search.tries[i];
+        json_t *entry =
+            json_pack("{s:i, s:i, s:i, s:f, s:b, s:f, s:f, s:s}", "terms", t->terms, "clusters",
+                      t->clusters, "iterations", t->iterations, "error", t->error, "of_all_points",
+                      t->verified, "bytes", t->bytes, "seconds", t->seconds, "ended_by", t->ended);
+        if (json_array_append_new(list, entry) != 0) {
+            json_decref(list);
+            list = NULL;
+        }
+    }
+    return list;
+}
+
 static json_t *to_json(const struct nacre_material *m, const struct factor_summary *s,
-                       const struct opencl *opencl, const char *path)
+                       const struct opencl *opencl, const char *path, json_t *explained)
 {
     json_t *object = error_to_json(&s->error, m, path);
-    json_t *rest =
-        json_pack("{s:s, s:s, s:s, s:i, s:i, s:i, s:f, s:s, s:f, s:f, s:f, s:f}", "output", path,
-                  "method", m->method, "device", opencl->name, "terms", m->terms, "clusters",
-                  m->clusters, "iterations", m->iterations, "objective", s->objective, "stored",
-                  m->pixel == NACRE_HALF ? "half" : "float", "seconds_reading", s->seconds_reading,
-                  "seconds_clustering", s->seconds_clustering, "seconds_iterating",
-                  s->seconds_iterating, "seconds_measuring", s->seconds_measuring);
+    json_t *rest = json_pack(
+        "{s:s, s:s, s:s, s:i, s:i, s:i, s:f, s:s, s:f, s:f, s:f, s:f, s:s, s:b, s:b, "
+        "s:f, s:o, s:O?}",
+        "output", path, "method", m->method, "device", opencl->name, "terms", m->terms, "clusters",
+        m->clusters, "iterations", m->iterations, "objective", s->objective, "stored",
+        m->pixel == NACRE_HALF ? "half" : "float", "seconds_reading", s->seconds_reading,
+        "seconds_clustering", s->seconds_clustering, "seconds_iterating", s->seconds_iterating,
+        "seconds_measuring", s->seconds_measuring, "stopped_by", s->stopped_by, "error_held",
+        s->error_held, "continued", s->continued, "seconds_per_iteration", s->seconds_step, "tried",
+        tries_to_json(s), "explained", explained);
     if (!object || !rest || json_object_update(rest, object) != 0) {
         json_decref(rest);
         rest = NULL;
     }
     json_decref(object);
+    if (rest && !explained) {
+        (void)json_object_del(rest, "explained"); /* is there, as null */
+    }
     return rest;
 }
 
 static int print_result(const struct nacre_material *m, const struct factor_summary *summary,
-                        const struct opencl *opencl, const char *path, bool json,
+                        const struct opencl *opencl, const char *path, bool json, json_t *explained,
                         struct nacre_error *error)
 {
     if (json) {
-        return json_print(to_json(m, summary, opencl, path), error);
+        return json_print(to_json(m, summary, opencl, path, explained), error);
     }
     print_text(m, summary, opencl, path);
     return NACRE_OK;
+}
+
+static void print_line(void *data, const char *key, const char *text)
+{
+    (void)data;
+    printf("%-26s %s\n", key, text);
+    (void)fflush(stdout);
+}
+
+/* For --json: a list, as keys come more than once. A line lost to memory is no reason to stop. */
+static void keep_line(void *data, const char *key, const char *text)
+{
+    (void)json_array_append_new(data, json_pack("{s:s, s:s}", "what", key, "why", text));
 }
 
 static struct factor_options to_options(const struct factor_settings *s)
@@ -184,6 +284,10 @@ static struct factor_options to_options(const struct factor_settings *s)
                                    .iterations = s->iterations,
                                    .kernel = (enum kernels_kind)s->kernel,
                                    .tolerance = s->tolerance,
+                                   .error = s->error,
+                                   .seconds = s->within,
+                                   .checkpoint = s->checkpoint,
+                                   .checkpoint_seconds = s->checkpoint_every,
                                    .epsilon = s->epsilon,
                                    .store = (enum factor_store)s->store,
                                    .responses = (enum responses_store)s->responses,
@@ -202,20 +306,73 @@ static void leave_out_times(struct nacre_material *m)
     }
 }
 
+/* The last word on a material that was written: a wish that was not met is an error, but one that leaves a file. */
+static int judge(int stopped, const struct nacre_material *m, const struct factor_summary *summary,
+                 const struct factor_settings *s, struct nacre_error *error)
+{
+    if (stopped == NACRE_CANCELLED) {
+        char limit[24] = "";
+        if (s->iterations > 0) {
+            (void)snprintf(limit, sizeof limit, " of %d", s->iterations);
+        }
+        (void)nacre_fail(error,
+                         "stopped on request after %d%s iterations; %s holds the best so far%s%s",
+                         m->iterations, limit, s->output,
+                         s->checkpoint ? "; the same command goes on from " : "",
+                         s->checkpoint ? s->checkpoint : "");
+        return NACRE_CANCELLED;
+    }
+    if (!summary->error_held) {
+        return nacre_fail(error,
+                          "could not reach a mean error of %.4g %%%s: the best was %.4g %% with %d "
+                          "terms and %d clusters, which %s holds",
+                          100 * s->error,
+                          strcmp(summary->stopped_by, "time") == 0 ? " in the time given" : "",
+                          100 * summary->error.whole.mean, m->terms, m->clusters, s->output);
+    }
+    return NACRE_OK;
+}
+
+/* The state of a run that is done is of no more use. */
+static int remove_checkpoint(const struct factor_settings *s, struct nacre_error *error)
+{
+    if (s->checkpoint && unlink(s->checkpoint) != 0 && errno != ENOENT) {
+        return nacre_fail_errno(error, errno, "cannot remove %s", s->checkpoint);
+    }
+    return NACRE_OK;
+}
+
+/* Find out before the work whether its results can be written. */
+static int check_outputs(const struct factor_settings *s, struct nacre_error *error)
+{
+    int status = check_output(s->output, error);
+    if (status == NACRE_OK && s->checkpoint && strcmp(s->checkpoint, s->output) == 0) {
+        status = nacre_fail(error, "--checkpoint and --output both name %s", s->output);
+    }
+    return status == NACRE_OK && s->checkpoint ? check_output(s->checkpoint, error) : status;
+}
+
 static int factor_run(const void *settings, const struct invocation *invocation,
                       struct nacre_error *error)
 {
     const struct factor_settings *s = settings;
     struct factor_options options = to_options(s);
+    struct clock clock = clock_monotonic();
     struct nacre_scan *scan = NULL;
     struct opencl opencl = {0};
     struct nacre_material material = {0};
     struct factor_summary summary = {0};
+    json_t *explained = s->explain && invocation->json ? json_array() : NULL;
     struct progress progress = progress_begin("factoring", invocation->quiet);
     int stopped = NACRE_OK;
+    options.clock = &clock;
+    options.begun_ns = clock_now_ns(&clock);
+    if (s->explain) {
+        options.listener = (struct listener){explained ? keep_line : print_line, explained};
+    }
     int status = nacre_scan_open(invocation->operands[0], &scan, error);
     if (status == NACRE_OK) {
-        status = check_output(s->output, error);
+        status = check_outputs(s, error);
     }
     if (status == NACRE_OK) {
         status = opencl_open(invocation->device, &opencl, error);
@@ -229,15 +386,17 @@ static int factor_run(const void *settings, const struct invocation *invocation,
         leave_out_times(&material);
         status = nacre_material_write(s->output, &material, error);
     }
+    if (status == NACRE_OK && stopped == NACRE_OK) {
+        status = remove_checkpoint(s, error);
+    }
     if (status == NACRE_OK) {
-        status = print_result(&material, &summary, &opencl, s->output, invocation->json, error);
+        status = print_result(&material, &summary, &opencl, s->output, invocation->json, explained,
+                              error);
     }
-    if (status == NACRE_OK && stopped == NACRE_CANCELLED) {
-        (void)nacre_fail(error,
-                         "stopped on request after %d of %d iterations; %s holds the best so far",
-                         material.iterations, s->iterations, s->output);
-        status = NACRE_CANCELLED;
+    if (status == NACRE_OK) {
+        status = judge(stopped, &material, &summary, s, error);
     }
+    json_decref(explained);
     factor_summary_finish(&summary);
     nacre_material_finish(&material);
     opencl_close(&opencl);
@@ -252,10 +411,13 @@ const struct verb verb_factor = {
     .text = "The model is that of Peers et al. 2006, section 5: R_d(x_i, x_o) ~ (sum over terms of "
             "F(x_i, t) H(t, x_o)) times the kernel g(x_o - x_i) of x_i's cluster. Responses are "
             "clustered by how they fall off with distance, the kernels are the clusters' average "
-            "responses, and F and H are found by multiplicative updates on an OpenCL device.\n\n"
+            "responses, and F and H are found step by step on an OpenCL device.\n\n"
             "Entries and responses that were not measured weigh nothing; points without any "
             "measurement take F, H and cluster from their neighbours. Ctrl-C during the iterations "
-            "writes the material as it is by then.",
+            "writes the best material so far.\n\n"
+            "With --error or --within, the terms, clusters and iterations that are not given are "
+            "chosen, and what was tried is printed as a table. When the error asked for cannot be "
+            "reached, the best material that was found is written and the exit status is 1.",
     .operand_minimum = 1,
     .operand_maximum = 1,
     .options = factor_options,

@@ -1,4 +1,4 @@
-/* Making a material of what a method has found. */
+/* Making a material of factors. */
 #include "factor/assemble.h"
 
 #include "factor/fill.h"
@@ -8,21 +8,28 @@
 #include <stdlib.h>
 #include <string.h>
 
-void assemble_known(const struct responses *r, int channel, bool outgoing, uint8_t *known)
+/* Whether something was measured that enters at (x, y), or leaves there. */
+static bool is_known(const struct responses *r, int channel, bool outgoing, int x, int y)
 {
     int half = r->window / 2;
-    memset(known, 0, (size_t)r->width * (size_t)r->height);
-    for (int y = 0; y < r->height; y++) {
-        for (int v = 0; v < r->window; v++) {
-            for (int x = 0; x < r->width; x++) {
-                for (int u = 0; u < r->window; u++) {
-                    if (responses_is_measured(r, channel, responses_index(r, x, y, u, v))) {
-                        int to_x = outgoing ? x + u - half : x;
-                        int to_y = outgoing ? y + v - half : y;
-                        known[to_y * r->width + to_x] = 1;
-                    }
-                }
+    for (int v = 0; v < r->window; v++) {
+        for (int u = 0; u < r->window; u++) {
+            int from_x = outgoing ? x - u + half : x, from_y = outgoing ? y - v + half : y;
+            if (from_x >= 0 && from_x < r->width && from_y >= 0 && from_y < r->height &&
+                responses_is_measured(r, channel, responses_index(r, from_x, from_y, u, v))) {
+                return true;
             }
+        }
+    }
+    return false;
+}
+
+void assemble_known(const struct responses *r, int channel, bool outgoing, uint8_t *known)
+{
+#pragma omp parallel for
+    for (int y = 0; y < r->height; y++) {
+        for (int x = 0; x < r->width; x++) {
+            known[(size_t)y * (size_t)r->width + (size_t)x] = is_known(r, channel, outgoing, x, y);
         }
     }
 }
@@ -52,14 +59,16 @@ static void balance(float *f, float *h, size_t count)
 }
 
 /* One channel's factors into the material's planes. work: 2 x [terms][height][width] floats; known: [height][width]. */
-static int assemble_factors(const struct problem *p, struct method *method, int channel,
+static int assemble_factors(const struct problem *p, const struct factors *factors, int channel,
                             struct nacre_material *m, float *work, uint8_t *known,
                             struct nacre_error *error)
 {
     const struct responses *r = p->responses;
     size_t plane = (size_t)r->width * (size_t)r->height, count = plane * (size_t)p->terms;
     float *f = work, *h = work + count;
-    int status = method->ops->read(method, channel, f, h, error);
+    int status = NACRE_OK;
+    memcpy(f, factors->f[channel], count * sizeof *f);
+    memcpy(h, factors->h[channel], count * sizeof *h);
     for (size_t t = 0; t < (size_t)p->terms && status == NACRE_OK; t++) {
         balance(f + t * plane, h + t * plane, plane);
     }
@@ -91,8 +100,8 @@ static void assemble_albedo(const struct responses *r, int channel, float *albed
     }
 }
 
-int assemble_material(const struct problem *p, struct method *method, struct nacre_material *m,
-                      struct nacre_error *error)
+int assemble_material(const struct problem *p, const struct factors *factors,
+                      struct nacre_material *m, struct nacre_error *error)
 {
     const struct responses *r = p->responses;
     size_t plane = (size_t)r->width * (size_t)r->height;
@@ -105,7 +114,7 @@ int assemble_material(const struct problem *p, struct method *method, struct nac
         goto out;
     }
     for (int c = 0; c < r->channels && status == NACRE_OK; c++) {
-        status = assemble_factors(p, method, c, m, work, known, error);
+        status = assemble_factors(p, factors, c, m, work, known, error);
         assemble_albedo(r, c, m->albedo + (size_t)c * plane);
     }
     /* The kernels carry the responses' scale, as they are always stored as floats. */

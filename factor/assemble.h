@@ -1,14 +1,14 @@
-/* Making a material of what a method has found: units, balance, points without measurement, albedo. */
+/* Making a material of factors: units, balance, points without measurement, albedo. */
 #ifndef FACTOR_ASSEMBLE_H
 #define FACTOR_ASSEMBLE_H
 
-#include "factor/method.h"
+#include "factor/factors.h"
 
 #include "nacre/material.h"
 
-/* Fill the planes of an allocated material (hard clusters) from a method's factors, the problem's kernels and clusters.
+/* Fill the planes of an allocated material (hard clusters) from factors, the problem's kernels and clusters.
  * ids are complete; F and H are spread from measured points to those of which nothing was measured. */
-int assemble_material(const struct problem *problem, struct method *method,
+int assemble_material(const struct problem *problem, const struct factors *factors,
                       struct nacre_material *material, struct nacre_error *error);
 
 /* known[height][width]: points of which something was measured in this channel, as x_i, or (outgoing) as x_o. */

@@ -158,6 +158,25 @@ int error_measure(const struct error_source *source, const struct nacre_material
     return NACRE_OK;
 }
 
+int error_rehearse(const struct error_source *source, const struct nacre_material *m, int rows,
+                   struct nacre_error *error)
+{
+    size_t points = (size_t)m->width * (size_t)m->height, not_measured = 0;
+    struct error_report report = {.map = malloc(points * sizeof(float)),
+                                  .map_without_centre = malloc(points * sizeof(float))};
+    int first = (m->height - rows) / 2, failed = 0;
+    if (!report.map || !report.map_without_centre) {
+        error_report_finish(&report);
+        return nacre_fail_memory(error, "the error map");
+    }
+#pragma omp parallel for schedule(dynamic) reduction(+ : not_measured) reduction(| : failed)
+    for (int y = first; y < first + rows; y++) {
+        failed |= measure_row(source, m, y, &report, &not_measured, NULL) != NACRE_OK;
+    }
+    error_report_finish(&report);
+    return failed ? nacre_fail(error, "cannot measure the error of a few rows") : NACRE_OK;
+}
+
 static int read_scan(const void *data, int x, int y, float *response, struct nacre_error *error)
 {
     return nacre_scan_read(data, x, y, response, error);

@@ -38,6 +38,10 @@ int error_measure(const struct error_source *source, const struct nacre_material
                   struct progress *progress, struct error_report *report,
                   struct nacre_error *error);
 
+/* Measure `rows` rows of points from the middle of the sample and forget the result, to learn what the whole takes. */
+int error_rehearse(const struct error_source *source, const struct nacre_material *material,
+                   int rows, struct nacre_error *error);
+
 /* Whether a material and a scan are of the same size; the text names what differs. */
 int error_check_sizes(const struct nacre_scan *scan, const struct nacre_material *material,
                       struct nacre_error *error);

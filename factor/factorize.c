@@ -1,34 +1,35 @@
-/* The conductor of a factorization. */
+/* The factorization of a scan from end to end. */
 #include "factor/factorize.h"
 
-#include "factor/assemble.h"
-#include "factor/falloff.h"
-#include "factor/fill.h"
-#include "factor/hals.h"
-#include "factor/kmeans.h"
+#include "factor/conductor.h"
 #include "factor/layout.h"
 #include "factor/random.h"
-#include "factor/update.h"
 
-#include "base/clock.h"
-
-#include <math.h>
+#include <limits.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* Streams of random numbers drawn from one seed. */
-enum { STREAM_CLUSTERS = 1, STREAM_FACTORS = 2 };
+/* The number of points that are watched, drawn from the seed. */
+enum { PROBE_POINTS = 256, STREAM_PROBE = 4 };
+
+enum { DEFAULT_TERMS = 12, DEFAULT_CLUSTERS = 5, DEFAULT_ITERATIONS = 200 };
+
+/* What a search may try: no more terms and clusters than these, and no material above this share of its responses. */
+enum { MOST_TERMS = 64, MOST_CLUSTERS = 100 };
+#define MOST_SHARE 0.25
 
 struct factor_options factor_options_default(void)
 {
-    return (struct factor_options){.terms = 12,
-                                   .clusters = 5,
-                                   .iterations = 200,
+    return (struct factor_options){.terms = DEFAULT_TERMS,
+                                   .clusters = DEFAULT_CLUSTERS,
+                                   .iterations = DEFAULT_ITERATIONS,
                                    .tolerance = 3e-3,
+                                   .error = 1,
                                    .kernel = KERNELS_AVERAGE,
                                    .epsilon = 1e-5,
-                                   .store = FACTOR_STORE_AUTO};
+                                   .store = FACTOR_STORE_AUTO,
+                                   .checkpoint_seconds = 60};
 }
 
 void factor_summary_finish(struct factor_summary *summary)
@@ -37,227 +38,10 @@ void factor_summary_finish(struct factor_summary *summary)
     *summary = (struct factor_summary){0};
 }
 
-static double seconds_now(void)
-{
-    struct clock clock = clock_monotonic();
-    return (double)clock_now_ns(&clock) * 1e-9;
-}
-
-/* Everything between the responses and the material. */
-struct run {
-    const struct responses *responses;
-    const struct factor_options *options;
-    struct progress *progress;
-    uint32_t *ids;
-    float *kernels;
-    struct problem problem;
-    struct method *method;
-};
-
-/* Cluster the measured points and spread the clusters to the others. */
-static int find_clusters(struct run *run, struct nacre_error *error)
-{
-    const struct responses *r = run->responses;
-    struct features features = {0};
-    uint32_t *labels = NULL;
-    int status = features_new(r, &features, error);
-    if (status != NACRE_OK) {
-        return status;
-    }
-    labels = malloc(features.count * sizeof *labels);
-    if (!labels) {
-        status = nacre_fail_memory(error, "the clusters");
-        goto out;
-    }
-    status = kmeans(features.values, features.count, features.length, run->options->clusters,
-                    random_bits((uint64_t)run->options->seed, STREAM_CLUSTERS), labels, error);
-    for (size_t i = 0; i < features.count && status == NACRE_OK; i++) {
-        run->ids[features.points[i]] = labels[i];
-    }
-    if (status == NACRE_OK) {
-        status = fill_labels(r->width, r->height, r->measured, run->ids, error);
-    }
-out:
-    free(labels);
-    features_finish(&features);
-    return status;
-}
-
-static int prepare(struct run *run, const struct opencl *opencl, struct nacre_error *error)
-{
-    const struct responses *r = run->responses;
-    const struct factor_options *o = run->options;
-    size_t points = (size_t)r->width * (size_t)r->height;
-    size_t area = (size_t)r->window * (size_t)r->window;
-    int status = NACRE_FAILED;
-    run->ids = malloc(points * sizeof *run->ids);
-    run->kernels = malloc((size_t)o->clusters * (size_t)r->channels * area * sizeof *run->kernels);
-    if (!run->ids || !run->kernels) {
-        return nacre_fail_memory(error, "the clusters");
-    }
-    memset(run->ids, 0xff, points * sizeof *run->ids);
-    status = find_clusters(run, error);
-    if (status == NACRE_OK) {
-        status =
-            kernels_compute(r, run->ids, o->clusters, o->kernel, o->epsilon, run->kernels, error);
-    }
-    if (status == NACRE_OK) {
-        run->problem = (struct problem){.responses = r,
-                                        .ids = run->ids,
-                                        .kernels = run->kernels,
-                                        .clusters = o->clusters,
-                                        .terms = o->terms,
-                                        .seed = random_bits((uint64_t)o->seed, STREAM_FACTORS),
-                                        .regularise = o->regularise};
-        status = o->method == FACTOR_METHOD_MU
-                     ? update_new(opencl, &run->problem, NULL, &run->method, error)
-                     : hals_new(opencl, &run->problem, NULL, &run->method, error);
-    }
-    return status;
-}
-
-/* All channels' objective in the responses' own unit; `step` as well. */
-static int advance(struct run *run, bool step, double *objective, struct nacre_error *error)
-{
-    const struct method_ops *ops = run->method->ops;
-    int status = NACRE_OK;
-    *objective = 0;
-    for (int c = 0; c < run->responses->channels && status == NACRE_OK; c++) {
-        double part = 0;
-        status = step ? ops->step(run->method, c, &part, error)
-                      : ops->measure(run->method, c, &part, error);
-        *objective += ldexp(part, run->responses->exponent[c]);
-    }
-    return status;
-}
-
-/* Whether the last PATIENCE iterations brought little. */
-static bool has_settled(const struct nacre_material *m, double tolerance, double objective)
-{
-    enum { PATIENCE = 5 };
-    int known = m->iterations - 1; /* objectives in the history */
-    return tolerance > 0 && known >= PATIENCE &&
-           objective > (1 - PATIENCE * tolerance) * m->history_objective[known - PATIENCE];
-}
-
-/* Iterate, keeping the history. NACRE_CANCELLED leaves the factors as they are. */
-static int iterate(struct run *run, struct nacre_material *m, struct factor_summary *summary,
-                   struct nacre_error *error)
-{
-    int iterations = run->options->iterations, status = NACRE_OK, stopped = NACRE_OK;
-    double started = seconds_now(), objective = 0;
-    char detail[48] = "";
-    m->iterations = 0;
-    bool settled = false;
-    while (m->iterations < iterations && status == NACRE_OK && !settled) {
-        stopped =
-            progress_step(run->progress, m->iterations, iterations, *detail ? detail : NULL, error);
-        if (stopped != NACRE_OK) {
-            break;
-        }
-        status = advance(run, true, &objective, error);
-        if (m->iterations > 0) {
-            m->history_objective[m->iterations - 1] = (float)objective;
-            m->history_seconds[m->iterations - 1] = (float)(seconds_now() - started);
-        }
-        settled = has_settled(m, run->options->tolerance, objective);
-        (void)snprintf(detail, sizeof detail, "objective %.4g", objective);
-        m->iterations++;
-    }
-    if (status == NACRE_OK) {
-        status = advance(run, false, &objective, error);
-    }
-    summary->objective = objective;
-    summary->seconds_iterating = seconds_now() - started;
-    m->history_count = (size_t)m->iterations;
-    if (m->iterations > 0) {
-        m->history_objective[m->iterations - 1] = (float)objective;
-        m->history_seconds[m->iterations - 1] = (float)summary->seconds_iterating;
-    }
-    return status == NACRE_OK ? stopped : status;
-}
-
-static int allocate_material(const struct responses *r, double pitch_mm,
-                             const struct factor_options *o, struct nacre_material *m,
-                             struct nacre_error *error)
-{
-    *m = (struct nacre_material){.width = r->width,
-                                 .height = r->height,
-                                 .channels = r->channels,
-                                 .factor_channels = r->channels,
-                                 .window = r->window,
-                                 .terms = o->terms,
-                                 .clusters = o->clusters,
-                                 .mixed = 1,
-                                 .layout = NACRE_KERNEL_SINGLE,
-                                 .pixel = NACRE_FLOAT,
-                                 .pitch_mm = pitch_mm,
-                                 .epsilon = o->epsilon,
-                                 .seed = o->seed};
-    if (nacre_material_allocate(m, true, false, error) != NACRE_OK) {
-        return NACRE_FAILED;
-    }
-    m->history_objective = calloc((size_t)o->iterations, sizeof *m->history_objective);
-    m->history_seconds = calloc((size_t)o->iterations, sizeof *m->history_seconds);
-    return m->history_objective && m->history_seconds ? NACRE_OK
-                                                      : nacre_fail_memory(error, "the history");
-}
-
-/* A response in its own unit, as error_source wants it. */
-static int read_responses(const void *data, int x, int y, float *response,
-                          struct nacre_error *error)
-{
-    (void)error;
-    responses_read(data, x, y, response);
-    return NACRE_OK;
-}
-
-/* Choose how F and H are stored, round them so, and measure the error of what will be in the file. A cancelled run still
- * gets here, so progress is not asked again whether to stop. */
-static int round_and_measure(const struct responses *r, enum factor_store store,
-                             struct nacre_material *m, struct factor_summary *summary,
-                             struct nacre_error *error)
-{
-    struct error_source from = {r, read_responses};
-    size_t count =
-        (size_t)m->terms * (size_t)m->factor_channels * (size_t)m->width * (size_t)m->height;
-    float *exact = NULL;
-    struct error_report report = {0};
-    int status = NACRE_OK;
-    if (store == FACTOR_STORE_AUTO) {
-        exact = malloc(2 * count * sizeof *exact);
-        if (!exact) {
-            return nacre_fail_memory(error, "the factors");
-        }
-        memcpy(exact, m->f, count * sizeof *exact);
-        memcpy(exact + count, m->h, count * sizeof *exact);
-        status = error_measure(&from, m, NULL, &report, error);
-    }
-    m->pixel = store == FACTOR_STORE_FLOAT ? NACRE_FLOAT : NACRE_HALF;
-    nacre_material_round(m);
-    if (status == NACRE_OK) {
-        status = error_measure(&from, m, NULL, &summary->error, error);
-    }
-    if (status == NACRE_OK && exact && !(summary->error.whole.mean <= 1.01 * report.whole.mean)) {
-        struct error_report rounded = summary->error;
-        m->pixel = NACRE_FLOAT;
-        memcpy(m->f, exact, count * sizeof *exact);
-        memcpy(m->h, exact + count, count * sizeof *exact);
-        summary->error = report;
-        report = rounded;
-    }
-    m->error_min = summary->error.whole.minimum;
-    m->error_mean = summary->error.whole.mean;
-    m->error_max = summary->error.whole.maximum;
-    error_report_finish(&report);
-    free(exact);
-    return status;
-}
-
 static int check(const struct responses *r, const struct factor_options *o,
                  struct nacre_error *error)
 {
-    if (o->terms < 1 || o->clusters < 1 || o->iterations < 1) {
+    if (o->terms < 0 || o->clusters < 0 || o->iterations < 0) {
         return nacre_fail(error, "terms, clusters and iterations must be at least 1 each");
     }
     if (o->regularise > 0 && o->method != FACTOR_METHOD_MU) {
@@ -267,7 +51,7 @@ static int check(const struct responses *r, const struct factor_options *o,
     if (r->measured_count == 0) {
         return nacre_fail(error, "no surface point was measured; there is nothing to factor");
     }
-    if ((size_t)o->clusters > r->measured_count) {
+    if (o->clusters > 0 && (size_t)o->clusters > r->measured_count) {
         return nacre_fail(error,
                           "%d clusters were asked for, but only %zu surface points were measured; "
                           "ask for %zu or fewer with --clusters",
@@ -276,42 +60,222 @@ static int check(const struct responses *r, const struct factor_options *o,
     return NACRE_OK;
 }
 
+/* What there is to try: all sizes within reason where an error or a time is given, else the defaults. */
+static void begin_search(struct conductor *c)
+{
+    const struct responses *r = c->responses;
+    const struct factor_options *o = c->options;
+    bool chooses = conductor_wants_error(c) || conductor_has_deadline(c);
+    size_t points = (size_t)r->width * (size_t)r->height;
+    struct search *s = &c->search;
+    *s = (struct search){.terms = o->terms,
+                         .clusters = o->clusters,
+                         .most_terms = MOST_TERMS,
+                         .most_clusters = MOST_CLUSTERS,
+                         .cheapest = conductor_wants_error(c),
+                         .points = points,
+                         .channels = (size_t)r->channels,
+                         .window = (size_t)r->window,
+                         .value_bytes = o->store == FACTOR_STORE_FLOAT ? 4 : 2};
+    s->most_bytes = MOST_SHARE * (double)points * r->channels * r->window * r->window * 4;
+    if (r->measured_count < MOST_CLUSTERS) {
+        s->most_clusters = (int)r->measured_count;
+    }
+    if (!chooses) {
+        s->terms = s->terms ? s->terms : DEFAULT_TERMS;
+        s->clusters = s->clusters                           ? s->clusters
+                      : s->most_clusters < DEFAULT_CLUSTERS ? s->most_clusters
+                                                            : DEFAULT_CLUSTERS;
+    }
+}
+
+static void explain_stops(const struct conductor *c)
+{
+    const struct factor_options *o = c->options;
+    const struct listener *to = &o->listener;
+    if (conductor_wants_error(c)) {
+        tell(to, "stops", "when the mean error of the material as stored is at most %.4g %%",
+             100 * o->error);
+    }
+    if (conductor_has_deadline(c)) {
+        tell(to, "stops", "so that all is written %.4g s after the command began", o->seconds);
+    }
+    if (o->tolerance > 0) {
+        tell(to, "stops", "when five iterations lower the objective by less than %.3g %%",
+             500 * o->tolerance);
+    }
+    if (o->iterations > 0) {
+        tell(to, "stops", "after %d iterations", o->iterations);
+    } else if (!conductor_wants_error(c) && !conductor_has_deadline(c)) {
+        tell(to, "stops", "after %d iterations (default)", DEFAULT_ITERATIONS);
+    }
+}
+
+static void explain_count(const struct listener *to, const char *key, int given, int used, int most)
+{
+    if (given) {
+        tell(to, key, "%d, as asked for", given);
+    } else if (used) {
+        tell(to, key, "%d (default)", used);
+    } else {
+        tell(to, key, "to be chosen, at most %d", most);
+    }
+}
+
+static void explain(const struct conductor *c)
+{
+    const struct factor_options *o = c->options;
+    const struct listener *to = &o->listener;
+    const struct responses *r = c->responses;
+    double value_bytes = r->half ? 2 : 4;
+    double mask_bytes = r->mask_needed ? 2.0 / r->lanes : 0;
+    double bytes = (double)r->channels * (double)r->size * (value_bytes + mask_bytes);
+    tell(to, "device", "%s, %u compute units", c->opencl->name, c->opencl->compute_units);
+    tell(to, "responses",
+         "%zu of %d x %d points measured, windows of %d x %d, %d channels: %.1f MiB as %s%s",
+         r->measured_count, r->width, r->height, r->window, r->window, r->channels, bytes * 0x1p-20,
+         r->half ? "half floats" : "floats",
+         r->mask_needed ? ", with entries that were not measured" : "");
+    explain_count(to, "terms", o->terms, c->search.terms, c->search.most_terms);
+    explain_count(to, "clusters", o->clusters, c->search.clusters, c->search.most_clusters);
+    explain_stops(c);
+    tell(to, "error while iterating", "of %zu points", c->probe.count);
+    if (c->continued) {
+        tell(to, "continues", "from %s, after %d earlier tries and %d iterations", o->checkpoint,
+             c->search.count, c->now_is_open ? attempt_iterations(&c->now) : 0);
+    }
+}
+
+static int begin(struct conductor *c, struct nacre_error *error)
+{
+    const struct factor_options *o = c->options;
+    int status = progress_step(c->progress, 0, 1, "clustering", error);
+    if (status != NACRE_OK) {
+        return status;
+    }
+    double begun = conductor_seconds(c);
+    if (conductor_has_deadline(c) && begun > o->seconds) {
+        return nacre_fail(error,
+                          "%.3g s are too few: reading the scan alone took until %.3g s; ask for "
+                          "twice that or more",
+                          o->seconds, begun);
+    }
+    begin_search(c);
+    status = features_new(c->responses, &c->features, error);
+    if (status == NACRE_OK) {
+        status = probe_begin(&c->probe, c->responses, PROBE_POINTS,
+                             random_bits((uint64_t)o->seed, STREAM_PROBE), error);
+    }
+    if (status == NACRE_OK) {
+        status = conductor_resume(c, error);
+    }
+    c->seconds_clustering += conductor_seconds(c) - begun;
+    if (status == NACRE_OK && tell_is_heard(&o->listener)) {
+        explain(c);
+    }
+    return status;
+}
+
+/* The best attempt as a material, with its history. */
+static int complete(struct conductor *c, struct nacre_material *m, struct factor_summary *summary,
+                    struct nacre_error *error)
+{
+    struct attempt *a = &c->best;
+    double begun = conductor_seconds(c);
+    int status = NACRE_OK;
+    if (a->held) {
+        *m = c->made;
+        summary->error = c->made_report;
+        c->made = (struct nacre_material){0};
+        c->made_report = (struct error_report){0};
+    }
+    if (!m->f) {
+        status = closing_make(c->options, c->pitch_mm, a, m, &summary->error, error);
+        c->seconds_measuring += conductor_seconds(c) - begun;
+    }
+    if (status != NACRE_OK) {
+        return status;
+    }
+    (void)snprintf(m->method, sizeof m->method, "%s",
+                   c->options->method == FACTOR_METHOD_MU ? "mu" : "hals");
+    m->iterations = a->history.count;
+    m->history_count = (size_t)a->history.count;
+    m->history_objective = a->history.objective;
+    m->history_seconds = a->history.seconds;
+    a->history.objective = a->history.seconds = NULL;
+    summary->objective = a->objective;
+    summary->seconds_step = a->step_seconds;
+    return NACRE_OK;
+}
+
+static const char *stop_word(const struct conductor *c, int stopped)
+{
+    static const char *const words[] = {
+        [ENDING_ITERATIONS] = "iterations", [ENDING_TOLERANCE] = "tolerance",
+        [ENDING_ERROR] = "error",           [ENDING_TIME] = "time",
+        [ENDING_REQUEST] = "request",
+    };
+    if (stopped == NACRE_CANCELLED) {
+        return "request";
+    }
+    if (c->best.held) {
+        return "error";
+    }
+    return c->ending < sizeof words / sizeof *words && words[c->ending] ? words[c->ending]
+                                                                        : "end of search";
+}
+
+static void summarise(const struct conductor *c, int stopped, struct factor_summary *s)
+{
+    (void)snprintf(s->stopped_by, sizeof s->stopped_by, "%s", stop_word(c, stopped));
+    s->error_held = !conductor_wants_error(c) || s->error.whole.mean <= c->options->error;
+    s->continued = c->continued;
+    s->search = c->search;
+    s->seconds_clustering = c->seconds_clustering;
+    s->seconds_measuring = c->seconds_measuring;
+    for (int i = 0; i < s->search.count; i++) {
+        struct search_try *try = &s->search.tries[i];
+        if (try->terms == c->best.problem.terms && try->clusters == c->best.problem.clusters) {
+            try->error = s->error.whole.mean;
+            try->verified = true;
+        }
+    }
+}
+
 int factorize_responses(const struct responses *r, double pitch_mm, const struct factor_options *o,
                         const struct opencl *opencl, struct progress *progress,
                         struct nacre_material *m, struct factor_summary *summary,
                         struct nacre_error *error)
 {
-    struct run run = {.responses = r, .options = o, .progress = progress};
-    double started = seconds_now();
+    struct clock system = clock_monotonic();
+    struct conductor c = {.responses = r,
+                          .pitch_mm = pitch_mm,
+                          .options = o,
+                          .opencl = opencl,
+                          .progress = progress,
+                          .clock = o->clock ? o->clock : &system};
     int stopped = NACRE_OK;
-    int status = check(r, o, error);
+    c.begun_ns = o->begun_ns ? o->begun_ns : clock_now_ns(c.clock);
     *m = (struct nacre_material){0};
+    *summary = (struct factor_summary){0};
+    int status = check(r, o, error);
     if (status == NACRE_OK) {
-        status = progress_step(progress, 0, o->iterations, "clustering", error);
-    }
-    if (status == NACRE_OK) {
-        status = allocate_material(r, pitch_mm, o, m, error);
-    }
-    if (status == NACRE_OK) {
-        status = prepare(&run, opencl, error);
-    }
-    summary->seconds_clustering = seconds_now() - started;
-    if (status == NACRE_OK && run.method) {
-        stopped = iterate(&run, m, summary, error);
-        status = stopped == NACRE_CANCELLED && m->iterations > 0 ? NACRE_OK : stopped;
-    }
-    started = seconds_now();
-    if (status == NACRE_OK && run.method) {
-        (void)snprintf(m->method, sizeof m->method, "%s", run.method->ops->name);
-        status = assemble_material(&run.problem, run.method, m, error);
+        status = begin(&c, error);
     }
     if (status == NACRE_OK) {
-        status = round_and_measure(r, o->store, m, summary, error);
+        double begun = conductor_seconds(&c) - c.seconds_clustering - c.seconds_measuring;
+        stopped = conductor_run(&c, error);
+        summary->seconds_iterating =
+            conductor_seconds(&c) - c.seconds_clustering - c.seconds_measuring - begun;
+        status = stopped == NACRE_CANCELLED && c.best.ids ? NACRE_OK : stopped;
     }
-    summary->seconds_measuring = seconds_now() - started;
-    method_free(run.method);
-    free(run.ids);
-    free(run.kernels);
+    if (status == NACRE_OK) {
+        status = complete(&c, m, summary, error);
+    }
+    if (status == NACRE_OK) {
+        summarise(&c, stopped, summary);
+    }
+    conductor_finish(&c);
     if (status != NACRE_OK) {
         nacre_material_finish(m);
         return status;
@@ -324,8 +288,12 @@ int factorize(const struct nacre_scan *scan, const struct factor_options *option
               struct nacre_material *material, struct factor_summary *summary,
               struct nacre_error *error)
 {
+    struct clock system = clock_monotonic();
+    struct factor_options timed = *options;
     struct responses responses;
-    double started = seconds_now(), reading = 0;
+    timed.clock = options->clock ? options->clock : &system;
+    int64_t begun_ns = clock_now_ns(timed.clock);
+    timed.begun_ns = options->begun_ns ? options->begun_ns : begun_ns;
     *material = (struct nacre_material){0};
     *summary = (struct factor_summary){0};
     int status =
@@ -333,8 +301,8 @@ int factorize(const struct nacre_scan *scan, const struct factor_options *option
     if (status != NACRE_OK) {
         return status;
     }
-    reading = seconds_now() - started;
-    status = factorize_responses(&responses, nacre_scan_info(scan)->pitch_mm, options, opencl,
+    double reading = (double)(clock_now_ns(timed.clock) - begun_ns) * 1e-9;
+    status = factorize_responses(&responses, nacre_scan_info(scan)->pitch_mm, &timed, opencl,
                                  progress, material, summary, error);
     if (status == NACRE_FAILED) {
         (void)nacre_fail_within(error, "%s", nacre_scan_path(scan));

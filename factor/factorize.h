@@ -1,10 +1,14 @@
-/* The factorization of a scan from end to end: clusters, kernels, factors, error. */
+/* The factorization of a scan from end to end: clusters, kernels, factors, error; and when it stops. */
 #ifndef FACTOR_FACTORIZE_H
 #define FACTOR_FACTORIZE_H
 
 #include "factor/error.h"
 #include "factor/kernels.h"
+#include "factor/method.h"
+#include "factor/search.h"
+#include "factor/tell.h"
 
+#include "base/clock.h"
 #include "base/opencl.h"
 #include "base/progress.h"
 #include "nacre/material.h"
@@ -21,17 +25,36 @@ enum factor_method {
     FACTOR_METHOD_MU,   /* the paper's: factor/update.h */
 };
 
+/* Another maker of methods than those that `method` names, as tests have it. */
+struct method_maker {
+    int (*make)(void *data, const struct problem *problem, struct method **method,
+                struct nacre_error *error);
+    void *data;
+};
+
+/* Where terms, clusters or iterations are 0, they are chosen: to hold `error` or to fill `seconds`, and without either
+ * they are 12, 5 and 200. */
 struct factor_options {
     enum factor_method method;
     int terms, clusters, iterations;
     enum kernels_kind kernel;
     double
         tolerance; /* stop when five iterations lower the objective by less than five times this share; 0: never */
+    double error;   /* mean relative error to be held by the material as stored; 1: any */
+    double seconds; /* that all may take from begun_ns on, writing the material included; 0: any */
     double epsilon; /* relative to each kernel's maximum */
     enum factor_store store;
     enum responses_store responses;
     int seed;
     double regularise; /* 0: not; see docs/factorization.md */
+
+    const char
+        *checkpoint; /* a file to keep the state of the run in and to go on from; NULL: none */
+    double checkpoint_seconds; /* between two such files */
+    struct listener listener;  /* is told what is chosen and why */
+    struct clock *clock;       /* of all time above; NULL: the system's */
+    int64_t begun_ns; /* by that clock: when the command began; 0: when factorize is called */
+    const struct method_maker *maker; /* NULL: by `method` */
 };
 
 /* hals, 12 terms, 5 clusters, 200 iterations or tolerance 3e-3, average kernels, epsilon 1e-5. */
@@ -41,14 +64,21 @@ struct factor_options factor_options_default(void);
 struct factor_summary {
     double objective; /* after the last iteration, in the responses' unit */
     double seconds_reading, seconds_clustering, seconds_iterating, seconds_measuring;
+    double seconds_step;       /* the last iteration */
+    bool error_held;           /* or none was asked for */
+    bool continued;            /* from a checkpoint */
+    char stopped_by[24];       /* "tolerance", "iterations", "error", "time", "request" ... */
+    struct search search;      /* what was tried; one entry where nothing was to be chosen */
     struct error_report error; /* of the material as stored */
 };
 
 void factor_summary_finish(struct factor_summary *summary);
 
 /* Factor the scan. Fills *material, which the caller finishes, and *summary. When the user cancels during the iterations
- * the material is completed with the factors so far (its `iterations` tell how many) and NACRE_CANCELLED is returned;
- * cancelled earlier, material->f is NULL. The same scan, options and device give the same bits. */
+ * the material is completed with the best factors so far (its `iterations` tell how many) and NACRE_CANCELLED is
+ * returned; cancelled earlier, material->f is NULL. An error that cannot be held still gives the best material found and
+ * NACRE_OK; the summary tells. Where `seconds` are too few for one iteration it fails and says what is needed. Without
+ * `seconds`, the same scan, options and device give the same bits. */
 int factorize(const struct nacre_scan *scan, const struct factor_options *options,
               const struct opencl *opencl, struct progress *progress,
               struct nacre_material *material, struct factor_summary *summary,

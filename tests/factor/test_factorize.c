@@ -330,9 +330,9 @@ static void requests_that_cannot_be_met_are_refused(void)
     TEST_ASSERT_EQUAL(NACRE_FAILED, attempt(&sample, &options, &material, &summary, &error));
     TEST_ASSERT_NOT_NULL(strstr(error.text, "only 11 surface points"));
     TEST_ASSERT_NULL(material.f);
-    options = quick(0, 1, 1);
+    options = quick(-1, 1, 1);
     TEST_ASSERT_EQUAL(NACRE_FAILED, attempt(&sample, &options, &material, &summary, &error));
-    options = quick(1, 0, 1);
+    options = quick(1, -1, 1);
     TEST_ASSERT_EQUAL(NACRE_FAILED, attempt(&sample, &options, &material, &summary, &error));
     for (int i = 0; i < 12 * 9; i++) {
         sample.responses[i] = NAN;

@@ -1,0 +1,133 @@
+/* One factorization with given terms and clusters. */
+#include "factor/attempt.h"
+
+#include "factor/fill.h"
+#include "factor/kmeans.h"
+#include "factor/random.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Streams of random numbers drawn from one seed. */
+enum { STREAM_CLUSTERS = 1, STREAM_FACTORS = 2 };
+
+static int find_clusters(struct attempt *a, const struct features *features, int clusters, int seed,
+                         struct nacre_error *error)
+{
+    const struct responses *r = a->problem.responses;
+    uint32_t *labels = malloc(features->count * sizeof *labels);
+    if (!labels) {
+        return nacre_fail_memory(error, "the clusters");
+    }
+    int status = kmeans(features->values, features->count, features->length, clusters,
+                        random_bits((uint64_t)seed, STREAM_CLUSTERS), labels, error);
+    for (size_t i = 0; i < features->count && status == NACRE_OK; i++) {
+        a->ids[features->points[i]] = labels[i];
+    }
+    free(labels);
+    return status == NACRE_OK ? fill_labels(r->width, r->height, r->measured, a->ids, error)
+                              : status;
+}
+
+int attempt_begin(struct attempt *a, const struct responses *r, const struct features *features,
+                  const struct factor_options *o, int terms, int clusters,
+                  struct nacre_error *error)
+{
+    size_t points = (size_t)r->width * (size_t)r->height;
+    size_t area = (size_t)r->window * (size_t)r->window;
+    *a = (struct attempt){.probed_at = -1};
+    a->ids = malloc(points * sizeof *a->ids);
+    a->kernels = malloc((size_t)clusters * (size_t)r->channels * area * sizeof *a->kernels);
+    if (!a->ids || !a->kernels) {
+        return nacre_fail_memory(error, "the clusters");
+    }
+    a->problem = (struct problem){.responses = r,
+                                  .ids = a->ids,
+                                  .kernels = a->kernels,
+                                  .clusters = clusters,
+                                  .terms = terms,
+                                  .seed = random_bits((uint64_t)o->seed, STREAM_FACTORS),
+                                  .regularise = o->regularise};
+    memset(a->ids, 0xff, points * sizeof *a->ids);
+    int status = factors_allocate(&a->factors, &a->problem, error);
+    if (status == NACRE_OK && features) {
+        status = find_clusters(a, features, clusters, o->seed, error);
+    }
+    if (status == NACRE_OK && features) {
+        status = kernels_compute(r, a->ids, clusters, o->kernel, o->epsilon, a->kernels, error);
+    }
+    return status;
+}
+
+static int grow(float **values, int capacity)
+{
+    float *grown = realloc(*values, (size_t)capacity * sizeof **values);
+    if (grown) {
+        *values = grown;
+    }
+    return grown != NULL;
+}
+
+int attempt_extend_history(struct attempt *a, struct nacre_error *error)
+{
+    struct history *h = &a->history;
+    if (h->count == h->capacity) {
+        int capacity = 2 * h->capacity + 64;
+        if (!grow(&h->objective, capacity) || !grow(&h->seconds, capacity) ||
+            !grow(&h->error, capacity)) {
+            return nacre_fail_memory(error, "the history");
+        }
+        h->capacity = capacity;
+    }
+    h->objective[h->count] = h->seconds[h->count] = h->error[h->count] = NAN;
+    h->count++;
+    return NACRE_OK;
+}
+
+int attempt_inherit(struct attempt *a, const struct attempt *from, struct nacre_error *error)
+{
+    const struct history *h = &from->history;
+    for (int i = 0; i < h->count; i++) {
+        if (attempt_extend_history(a, error) != NACRE_OK) {
+            return NACRE_FAILED;
+        }
+        a->history.objective[i] = h->objective[i];
+        a->history.seconds[i] = h->seconds[i];
+        a->history.error[i] = h->error[i];
+    }
+    a->inherited = a->known = h->count;
+    return NACRE_OK;
+}
+
+int attempt_iterations(const struct attempt *a)
+{
+    return a->history.count - a->inherited;
+}
+
+int attempt_advance(struct attempt *a, bool step, double *objective, struct nacre_error *error)
+{
+    const struct method_ops *ops = a->method->ops;
+    const struct responses *r = a->problem.responses;
+    int status = NACRE_OK;
+    *objective = 0;
+    for (int c = 0; c < r->channels && status == NACRE_OK; c++) {
+        double part = 0;
+        status =
+            step ? ops->step(a->method, c, &part, error) : ops->measure(a->method, c, &part, error);
+        *objective += ldexp(part, r->exponent[c]);
+    }
+    return status;
+}
+
+void attempt_finish(struct attempt *a)
+{
+    method_free(a->method);
+    factors_finish(&a->factors);
+    free(a->ids);
+    free(a->kernels);
+    free(a->history.objective);
+    free(a->history.seconds);
+    free(a->history.error);
+    *a = (struct attempt){0};
+}

@@ -1,0 +1,22 @@
+/* What closes a factorization: factors become a material, rounded as it is stored, whose error is measured. */
+#ifndef FACTOR_CLOSING_H
+#define FACTOR_CLOSING_H
+
+#include "factor/attempt.h"
+#include "factor/factorize.h"
+
+/* Make the material of an attempt's factors (method and history are the caller's to fill in) and measure it as it is
+ * stored. The caller finishes both. */
+int closing_make(const struct factor_options *options, double pitch_mm,
+                 const struct attempt *attempt, struct nacre_material *material,
+                 struct error_report *report, struct nacre_error *error);
+
+/* Do the costly part of closing_make for a few rows of points of a blank material and forget the result. *share is the
+ * share of the whole that this was. */
+int closing_rehearse(const struct factor_options *options, const struct attempt *attempt,
+                     double *share, struct nacre_error *error);
+
+/* Seconds that writing so many bytes and ending the program take, taking the disk for a slow one. */
+double closing_write_seconds(double bytes);
+
+#endif

@@ -1,0 +1,262 @@
+/* Iterating one attempt: stepping, watching, and the criteria that end it. */
+#include "factor/conductor.h"
+
+#include <limits.h>
+#include <math.h>
+#include <stdio.h>
+
+enum {
+    PATIENCE = 5, /* iterations that are looked at together */
+    PROSPECT =
+        10, /* times as many: how far the error's fall is carried on, to see what is hopeless */
+    SETTLING = 6,       /* iterations before larger settings are thought of */
+    AFTER_GROWTH = 4,   /* iterations that larger settings must have time for */
+    CHOSEN_LIMIT = 200, /* iterations where nothing else was said */
+    ERROR_LIMIT = 1000, /* iterations where an error is to be held */
+    VERIFICATIONS = 5,
+};
+
+/* Growing pays when an iteration lowers the objective by less than this share. */
+#define SLOW 0.03
+
+/* Probes take at most a fiftieth of the time, and come once a second at most. */
+#define PROBE_PAUSE    50
+#define PROBE_INTERVAL 1.0
+
+static bool is_free(const struct conductor *c)
+{
+    return c->search.terms == 0 || c->search.clusters == 0;
+}
+
+static int iteration_limit(const struct conductor *c)
+{
+    return c->options->iterations      ? c->options->iterations
+           : conductor_has_deadline(c) ? INT_MAX
+           : conductor_wants_error(c)  ? ERROR_LIMIT
+                                       : CHOSEN_LIMIT;
+}
+
+/* Whether the last PATIENCE iterations, on average, lowered the objective by less than `share` each. */
+static bool has_settled(const struct attempt *a, double share)
+{
+    int last = a->known - 1, first = last - PATIENCE;
+    return share > 0 && first >= a->inherited &&
+           (double)a->history.objective[last] >
+               (1 - PATIENCE * share) * (double)a->history.objective[first];
+}
+
+static bool has_next(const struct conductor *c, enum ending ending, int *terms, int *clusters)
+{
+    struct search search;
+    conductor_note(c, ending, &search);
+    return search_next(&search, terms, clusters);
+}
+
+/* Whether the error would not fall to the goal even if it fell on as fast as now for long. */
+static bool is_hopeless(const struct conductor *c)
+{
+    const struct attempt *a = &c->now;
+    int last = a->history.count - 1, terms = 0, clusters = 0;
+    if (attempt_iterations(a) < 2 * PATIENCE || !is_free(c)) {
+        return false;
+    }
+    double fall = (double)(a->history.error[last - PATIENCE] - a->history.error[last]);
+    return !(a->error - PROSPECT * fall <= a->goal) &&
+           has_next(c, ENDING_HOPELESS, &terms, &clusters);
+}
+
+static bool should_grow(const struct conductor *c)
+{
+    int terms = 0, clusters = 0;
+    return attempt_iterations(&c->now) >= SETTLING &&
+           has_settled(&c->now, fmax(SLOW, c->options->tolerance)) &&
+           has_next(c, ENDING_GROWTH, &terms, &clusters) &&
+           conductor_has_time_for(c, terms, clusters, AFTER_GROWTH);
+}
+
+/* An update may still be on its way when the time is read: half an iteration more. The first iteration compiles and has
+ * hals's pilot in it, so what follows takes a fraction of its time. */
+static bool time_is_up(const struct conductor *c)
+{
+    const struct attempt *a = &c->now;
+    double next = a->step_seconds * (attempt_iterations(a) == 1 ? 0.3 : 1.5);
+    return conductor_has_deadline(c) &&
+           conductor_seconds(c) + next + a->closing_seconds > c->options->seconds;
+}
+
+static enum ending find_ending(const struct conductor *c)
+{
+    const struct attempt *a = &c->now;
+    int done = attempt_iterations(a);
+    /* While time is left and nothing else can be done with it, small gains count. */
+    bool fills_time = conductor_has_deadline(c) && !conductor_wants_error(c) && is_free(c);
+    double tolerance = c->options->tolerance * (fills_time ? 0.1 : 1);
+    if (conductor_wants_error(c) && done > 0 && a->probed_at == a->history.count &&
+        a->error <= a->goal && a->verified < VERIFICATIONS) {
+        return ENDING_ERROR;
+    }
+    if (done >= iteration_limit(c)) {
+        return ENDING_ITERATIONS;
+    }
+    if (time_is_up(c)) {
+        return ENDING_TIME;
+    }
+    if (has_settled(a, tolerance)) {
+        return ENDING_TOLERANCE;
+    }
+    if (conductor_wants_error(c)) {
+        return is_hopeless(c) ? ENDING_HOPELESS : ENDING_NONE;
+    }
+    return fills_time && should_grow(c) ? ENDING_GROWTH : ENDING_NONE;
+}
+
+/* How many iterations until the tolerance ends this, taking it that what one brings falls as 1 / iterations. */
+static double iterations_to_tolerance(const struct conductor *c)
+{
+    const struct attempt *a = &c->now;
+    int last = a->known - 1, first = last - PATIENCE;
+    if (c->options->tolerance <= 0 || first < a->inherited) {
+        return INFINITY;
+    }
+    double gain = 1 - (double)(a->history.objective[last] / a->history.objective[first]);
+    double share = gain / PATIENCE / c->options->tolerance;
+    return share > 1 ? attempt_iterations(a) * (share - 1) : 1;
+}
+
+static double seconds_left(const struct conductor *c)
+{
+    const struct attempt *a = &c->now;
+    double iterations =
+        fmin(iteration_limit(c) - attempt_iterations(a), iterations_to_tolerance(c));
+    double left = iterations * a->step_seconds + a->closing_seconds;
+    return conductor_has_deadline(c) ? fmin(left, c->options->seconds - conductor_seconds(c))
+                                     : left;
+}
+
+/* Show how things stand, and notice Ctrl-C. */
+static int show(struct conductor *c, struct nacre_error *error)
+{
+    const struct attempt *a = &c->now;
+    char detail[128] = "";
+    int used = 0;
+    double elapsed = conductor_seconds(c);
+    if (is_free(c)) {
+        used = snprintf(detail, sizeof detail, "%d terms, %d clusters: ", a->problem.terms,
+                        a->problem.clusters);
+    }
+    if (a->known > a->inherited) {
+        used +=
+            snprintf(detail + used, sizeof detail - (size_t)used, "objective %.4g", a->objective);
+    }
+    if (a->probed_at >= 0) {
+        (void)snprintf(detail + used, sizeof detail - (size_t)used, ", error %.2f %%",
+                       100 * a->error);
+    }
+    return progress_step(c->progress, elapsed, elapsed + seconds_left(c), *detail ? detail : NULL,
+                         error);
+}
+
+int conductor_probe(struct conductor *c, struct nacre_error *error)
+{
+    struct attempt *a = &c->now;
+    double begun = conductor_seconds(c);
+    int status = factors_read(&a->factors, a->method, error);
+    if (status == NACRE_OK) {
+        a->error = probe_measure(&c->probe, &a->problem, &a->factors);
+        a->probed_at = a->history.count;
+        if (a->history.count > 0) {
+            a->history.error[a->history.count - 1] = (float)a->error;
+        }
+    }
+    c->probed_at = conductor_seconds(c);
+    c->probe_seconds = c->probed_at - begun;
+    return status;
+}
+
+static bool probe_is_due(const struct conductor *c)
+{
+    double pause = fmax(PROBE_INTERVAL, PROBE_PAUSE * c->probe_seconds);
+    return conductor_wants_error(c) || conductor_seconds(c) - c->probed_at >= pause;
+}
+
+/* The first iterations compile and search; the third is typical. */
+static void tell_pace(const struct conductor *c)
+{
+    const struct attempt *a = &c->now;
+    int limit = iteration_limit(c);
+    if (attempt_iterations(a) != 3) {
+        return;
+    }
+    if (limit == INT_MAX) {
+        tell(&c->options->listener, "pace", "%.3g s an iteration with %d terms and %d clusters",
+             a->step_seconds, a->problem.terms, a->problem.clusters);
+    } else {
+        tell(&c->options->listener, "pace",
+             "%.3g s an iteration with %d terms and %d clusters; %d would take %.3g s",
+             a->step_seconds, a->problem.terms, a->problem.clusters, limit,
+             limit * a->step_seconds);
+    }
+}
+
+static int step(struct conductor *c, struct nacre_error *error)
+{
+    struct attempt *a = &c->now;
+    double begun = conductor_seconds(c), objective = 0;
+    int status = attempt_advance(a, true, &objective, error);
+    if (status != NACRE_OK) {
+        return status;
+    }
+    if (attempt_iterations(a) > 0) {
+        a->objective = objective;
+        a->history.objective[a->history.count - 1] = (float)objective;
+        a->known = a->history.count;
+    }
+    status = attempt_extend_history(a, error);
+    if (status == NACRE_OK) {
+        double now = conductor_seconds(c);
+        a->step_seconds = now - begun;
+        if (attempt_iterations(a) == 1) {
+            c->opening_seconds = fmax(c->opening_seconds, a->opening_seconds + a->step_seconds);
+        }
+        a->history.seconds[a->history.count - 1] =
+            (float)(c->iterated_before + now - c->iterating_since);
+        tell_pace(c);
+    }
+    if (status == NACRE_OK && probe_is_due(c)) {
+        status = conductor_probe(c, error);
+    }
+    return status;
+}
+
+static int save_when_due(struct conductor *c, struct nacre_error *error)
+{
+    if (!c->options->checkpoint ||
+        conductor_seconds(c) - c->checkpoint_at < c->options->checkpoint_seconds) {
+        return NACRE_OK;
+    }
+    int status = conductor_save(c, error);
+    c->checkpoint_at = conductor_seconds(c);
+    return status;
+}
+
+int conductor_iterate(struct conductor *c, enum ending *ending, struct nacre_error *error)
+{
+    int status = NACRE_OK;
+    *ending = find_ending(c);
+    while (*ending == ENDING_NONE && status == NACRE_OK) {
+        status = show(c, error);
+        if (status == NACRE_OK) {
+            status = save_when_due(c, error);
+        }
+        if (status == NACRE_OK) {
+            status = step(c, error);
+        }
+        if (status == NACRE_OK) {
+            *ending = find_ending(c);
+        }
+    }
+    if (status == NACRE_CANCELLED) {
+        *ending = ENDING_REQUEST;
+    }
+    return status;
+}
