@@ -2,41 +2,95 @@
 #include "factor/falloff.h"
 
 #include <math.h>
+#include <stdbool.h>
+#include <stdint.h>
 #include <stdlib.h>
 
-/* Bilinear value at (x, y) of window[size][size], NaN where a value it needs is. */
-static double sample_window(const float *window, int size, double x, double y)
+/* A place on a circle around the middle of a window: the entries around it and their bilinear weights. An entry of no
+ * weight is that of the largest, lest one that was not measured count, or one beyond the rim. */
+struct place {
+    uint32_t entries[4];
+    float weights[4];
+};
+
+struct circles {
+    int radii;
+    size_t *starts; /* [radii + 1]: the first place of each */
+    struct place *places;
+};
+
+static struct place place_at(int size, double x, double y)
 {
-    int x0 = (int)floor(x), y0 = (int)floor(y);
-    double fx = x - x0, fy = y - y0, sum = 0;
-    for (int j = 0; j < 2; j++) {
-        for (int i = 0; i < 2; i++) {
-            double weight = (i ? fx : 1 - fx) * (j ? fy : 1 - fy);
-            if (weight > 1e-9) { /* roundings of cosines reach beyond the rim */
-                if (x0 + i < 0 || x0 + i >= size || y0 + j < 0 || y0 + j >= size) {
-                    return NAN;
-                }
-                sum += weight * (double)window[(y0 + j) * size + x0 + i];
-            }
-        }
+    int x0 = (int)floor(x), y0 = (int)floor(y), largest = 0;
+    double fx = x - x0, fy = y - y0;
+    struct place place;
+    for (int k = 0; k < 4; k++) {
+        double weight = (k % 2 ? fx : 1 - fx) * (k / 2 ? fy : 1 - fy);
+        place.weights[k] = weight > 1e-9 ? (float)weight : 0; /* what cosines round to */
+        place.entries[k] = (uint32_t)((y0 + k / 2) * size + x0 + k % 2);
+        largest = place.weights[k] > place.weights[largest] ? k : largest;
     }
-    return sum;
+    for (int k = 0; k < 4; k++) {
+        place.entries[k] = place.weights[k] > 0 ? place.entries[k] : place.entries[largest];
+    }
+    return place;
 }
 
-void features_of_window(const float *window, int size, float *radii)
+int circles_new(int size, struct circles **circles, struct nacre_error *error)
 {
-    int half = size / 2;
+    size_t count = 1 + 4 * (size_t)(size / 2) * (size_t)(size / 2 + 1);
+    struct circles *made = calloc(1, sizeof *made);
+    int half = size / 2, status = NACRE_OK;
+    size_t n = 0;
+    *circles = NULL;
+    if (made) {
+        made->radii = half + 1;
+        made->starts = calloc((size_t)half + 2, sizeof *made->starts);
+        made->places = calloc(count, sizeof *made->places);
+    }
+    if (!made || !made->starts || !made->places) {
+        status = nacre_fail_memory(error, "the feature vectors");
+        goto out;
+    }
     for (int r = 0; r <= half; r++) {
-        /* About one sample a point along the circle, and all eight main directions. */
+        /* About one place a point along the circle, and all eight main directions. */
         int angles = r == 0 ? 1 : 8 * r;
-        double largest = NAN;
+        made->starts[r] = n;
         for (int a = 0; a < angles; a++) {
             double angle = 2 * M_PI * a / angles;
-            double value =
-                sample_window(window, size, half + r * cos(angle), half + r * sin(angle));
-            largest = fmax(largest, value); /* the other where one is NaN */
+            made->places[n++] = place_at(size, half + r * cos(angle), half + r * sin(angle));
         }
-        radii[r] = (float)largest;
+    }
+    made->starts[half + 1] = n;
+    *circles = made;
+    made = NULL;
+out:
+    circles_free(made);
+    return status;
+}
+
+void circles_free(struct circles *circles)
+{
+    if (circles) {
+        free(circles->starts);
+        free(circles->places);
+        free(circles);
+    }
+}
+
+void features_of_window(const struct circles *circles, const float *window, float *radii)
+{
+    for (int r = 0; r < circles->radii; r++) {
+        float largest = -INFINITY;
+        for (size_t i = circles->starts[r]; i < circles->starts[r + 1]; i++) {
+            const struct place *place = &circles->places[i];
+            float value = place->weights[0] * window[place->entries[0]] +
+                          place->weights[1] * window[place->entries[1]] +
+                          place->weights[2] * window[place->entries[2]] +
+                          place->weights[3] * window[place->entries[3]];
+            largest = value > largest ? value : largest; /* passes over NaN */
+        }
+        radii[r] = largest > -INFINITY ? largest : (float)NAN;
     }
 }
 
@@ -77,12 +131,14 @@ int features_new(const struct responses *r, struct features *features, struct na
 {
     size_t radii = (size_t)r->window / 2 + 1, area = (size_t)r->window * (size_t)r->window;
     size_t point_count = (size_t)r->width * (size_t)r->height;
+    struct circles *circles = NULL;
     bool failed = false;
     *features =
         (struct features){.count = r->measured_count, .length = radii * (size_t)r->channels};
     features->points = calloc(features->count + 1, sizeof *features->points);
     features->values = calloc(features->count * features->length + 1, sizeof *features->values);
-    if (!features->points || !features->values) {
+    if (!features->points || !features->values ||
+        circles_new(r->window, &circles, NULL) != NACRE_OK) {
         features_finish(features);
         return nacre_fail_memory(error, "the feature vectors");
     }
@@ -103,12 +159,13 @@ int features_new(const struct responses *r, struct features *features, struct na
             for (int c = 0; window && c < r->channels; c++) {
                 float *out = features->values + p * features->length + (size_t)c * radii;
                 responses_get(r, c, x, y, window);
-                features_of_window(window, r->window, out);
+                features_of_window(circles, window, out);
                 normalise(out, radii);
             }
         }
         free(window);
     }
+    circles_free(circles);
     if (failed) {
         features_finish(features);
         return nacre_fail_memory(error, "the feature vectors");

@@ -17,8 +17,13 @@ struct features {
 int features_new(const struct responses *responses, struct features *features,
                  struct nacre_error *error);
 
+/* The places on circles around the middle of a window of size x size at which f(r) looks. circles_free it. */
+struct circles;
+int circles_new(int size, struct circles **circles, struct nacre_error *error);
+void circles_free(struct circles *circles); /* NULL is allowed */
+
 /* f(r) of one window[K][K], NaN where not measured: radii[(K-1)/2 + 1], NaN where nothing was. */
-void features_of_window(const float *window, int size, float *radii);
+void features_of_window(const struct circles *circles, const float *window, float *radii);
 
 void features_finish(struct features *features);
 

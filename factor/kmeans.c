@@ -19,6 +19,11 @@ struct state {
     size_t *sizes;    /* [clusters] */
     float *distances; /* [count]: squared, to the own centre */
     uint32_t *labels;
+
+    /* Bounds of distances (Hamerly 2010), which spare most of them once the centres move little. */
+    float *above;  /* [count]: the own centre is not farther */
+    float *below;  /* [count]: the other centres are not nearer */
+    float *before; /* [clusters][length]: centres before they were moved */
 };
 
 static float squared_distance(const float *a, const float *b, size_t length)
@@ -104,25 +109,48 @@ static void seed_centres(struct state *s, uint64_t seed, float *work)
     }
 }
 
-/* Give each vector to the nearest centre, of equals the first. Returns whether any changed. */
+/* Room for the roundings of distances and of sums of bounds. */
+#define SLACK 1e-4F
+
+/* Find a vector's nearest centre, of equals the first, and its bounds. Returns whether it is another. */
+static bool find_nearest(struct state *s, size_t i)
+{
+    const float *vector = s->vectors + i * s->length;
+    uint32_t nearest = 0;
+    float least = FLT_MAX, second = FLT_MAX;
+    for (size_t k = 0; k < s->clusters; k++) {
+        float d = squared_distance(vector, s->centres + k * s->length, s->length);
+        if (d < least) {
+            second = least;
+            least = d;
+            nearest = (uint32_t)k;
+        } else if (d < second) {
+            second = d;
+        }
+    }
+    bool changed = s->labels[i] != nearest;
+    s->labels[i] = nearest;
+    s->distances[i] = least;
+    s->above[i] = sqrtf(least) * (1 + SLACK);
+    s->below[i] = sqrtf(second) * (1 - SLACK);
+    return changed;
+}
+
+/* Give each vector to the nearest centre. Returns whether any changed. */
 static bool assign(struct state *s)
 {
     int changed = 0;
-#pragma omp parallel for reduction(| : changed)
+#pragma omp parallel for schedule(static) reduction(| : changed)
     for (size_t i = 0; i < s->count; i++) {
-        uint32_t nearest = 0;
-        float least = FLT_MAX;
-        for (size_t k = 0; k < s->clusters; k++) {
-            float d =
-                squared_distance(s->vectors + i * s->length, s->centres + k * s->length, s->length);
-            if (d < least) {
-                least = d;
-                nearest = (uint32_t)k;
-            }
+        if (s->above[i] < s->below[i]) {
+            continue;
         }
-        changed |= s->labels[i] != nearest;
-        s->labels[i] = nearest;
-        s->distances[i] = least;
+        s->distances[i] = squared_distance(s->vectors + i * s->length,
+                                           s->centres + s->labels[i] * s->length, s->length);
+        s->above[i] = sqrtf(s->distances[i]) * (1 + SLACK);
+        if (s->above[i] >= s->below[i]) {
+            changed |= find_nearest(s, i);
+        }
     }
     memset(s->sizes, 0, s->clusters * sizeof *s->sizes);
     for (size_t i = 0; i < s->count; i++) {
@@ -131,14 +159,40 @@ static bool assign(struct state *s)
     return changed;
 }
 
-/* Move the vector farthest from its centre into each empty cluster. Returns whether any moved. */
-static bool refill(struct state *s)
+/* The centres have moved: bounds follow. */
+static void loosen(struct state *s, const float *moves)
 {
-    bool moved = false;
+    float farthest = 0;
+    for (size_t k = 0; k < s->clusters; k++) {
+        farthest = moves[k] > farthest ? moves[k] : farthest;
+    }
+    for (size_t i = 0; i < s->count; i++) {
+        s->above[i] += moves[s->labels[i]];
+        s->below[i] -= farthest;
+    }
+}
+
+static void measure_distances(struct state *s)
+{
+#pragma omp parallel for
+    for (size_t i = 0; i < s->count; i++) {
+        s->distances[i] = squared_distance(s->vectors + i * s->length,
+                                           s->centres + s->labels[i] * s->length, s->length);
+    }
+}
+
+/* Move the vector farthest from its centre into each empty cluster. */
+static void refill(struct state *s)
+{
+    bool measured = false;
     for (size_t k = 0; k < s->clusters; k++) {
         size_t farthest = 0;
         if (s->sizes[k] > 0) {
             continue;
+        }
+        if (!measured) {
+            measure_distances(s);
+            measured = true;
         }
         for (size_t i = 1; i < s->count; i++) {
             farthest = s->distances[i] > s->distances[farthest] ? i : farthest;
@@ -148,15 +202,15 @@ static bool refill(struct state *s)
             s->labels[farthest] = (uint32_t)k;
             s->sizes[k] = 1;
             s->distances[farthest] = 0;
-            moved = true;
+            s->below[farthest] = 0; /* nothing is known of it now */
         }
     }
-    return moved;
 }
 
-/* Move each centre to the mean of its vectors, summed in order; an empty cluster keeps its centre. */
-static void move_centres(struct state *s)
+/* Move each centre to the mean of its vectors, summed in order; an empty cluster keeps its centre. moves: [clusters] */
+static void move_centres(struct state *s, float *moves)
 {
+    memcpy(s->before, s->centres, s->clusters * s->length * sizeof *s->centres);
     memset(s->sums, 0, s->clusters * s->length * sizeof *s->sums);
     for (size_t i = 0; i < s->count; i++) {
         double *sum = s->sums + s->labels[i] * s->length;
@@ -169,7 +223,10 @@ static void move_centres(struct state *s)
             s->centres[k * s->length + j] =
                 (float)(s->sums[k * s->length + j] / (double)s->sizes[k]);
         }
+        moves[k] = (1 + SLACK) * sqrtf(squared_distance(s->before + k * s->length,
+                                                        s->centres + k * s->length, s->length));
     }
+    loosen(s, moves);
 }
 
 int kmeans(const float *vectors, size_t count, size_t length, int clusters, uint64_t seed,
@@ -178,13 +235,17 @@ int kmeans(const float *vectors, size_t count, size_t length, int clusters, uint
     size_t k = (size_t)clusters;
     struct state s = {
         .vectors = vectors, .count = count, .length = length, .clusters = k, .labels = labels};
-    float *work = calloc(2 * count, sizeof *work);
+    float *work = calloc(2 * count + k, sizeof *work);
     int status = NACRE_FAILED;
     s.centres = calloc(k * length + 1, sizeof *s.centres);
     s.sums = calloc(k * length + 1, sizeof *s.sums);
     s.sizes = calloc(k, sizeof *s.sizes);
     s.distances = calloc(count, sizeof *s.distances);
-    if (!s.centres || !s.sums || !s.sizes || !s.distances || !work) {
+    s.above = calloc(count, sizeof *s.above);
+    s.below = calloc(count, sizeof *s.below);
+    s.before = calloc(k * length + 1, sizeof *s.before);
+    if (!s.centres || !s.sums || !s.sizes || !s.distances || !work || !s.above || !s.below ||
+        !s.before) {
         status = nacre_fail_memory(error, "the clusters");
         goto out;
     }
@@ -192,19 +253,22 @@ int kmeans(const float *vectors, size_t count, size_t length, int clusters, uint
     seed_centres(&s, seed, work);
     (void)assign(&s);
     for (int i = 0; i < ITERATIONS; i++) {
-        (void)refill(&s);
-        move_centres(&s);
+        refill(&s);
+        move_centres(&s, work);
         if (!assign(&s)) {
             break;
         }
     }
-    (void)refill(&s);
+    refill(&s);
     status = NACRE_OK;
 out:
     free(s.centres);
     free(s.sums);
     free(s.sizes);
     free(s.distances);
+    free(s.above);
+    free(s.below);
+    free(s.before);
     free(work);
     return status;
 }

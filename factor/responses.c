@@ -319,8 +319,11 @@ void responses_get_row(const struct responses *r, int channel, int x, int y, int
     for (int u = 0; u < r->window; u++) {
         row[u] = NAN;
     }
-    for (int u = u0; u < u1; u++, index += (size_t)r->lanes) {
-        row[u] = responses_is_measured(r, channel, index) ? value_at(r, channel, index) : NAN;
+    for (int u = u0; u < u1; u++) {
+        row[u] = value_at(r, channel, index + (size_t)(u - u0) * (size_t)r->lanes);
+    }
+    for (int u = u0; r->mask_needed && u < u1; u++, index += (size_t)r->lanes) {
+        row[u] = responses_is_measured(r, channel, index) ? row[u] : (float)NAN;
     }
 }
 

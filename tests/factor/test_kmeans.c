@@ -3,6 +3,7 @@
 
 #include "factor/random.h"
 
+#include <math.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unity.h>
@@ -141,6 +142,46 @@ static void identical_vectors_form_one_cluster(void)
     TEST_ASSERT_EQUAL_UINT64(1, count_used(labels, 20, 3));
 }
 
+static double distance(const float *vector, const double *mean)
+{
+    double sum = 0;
+    for (size_t j = 0; j < LENGTH; j++) {
+        sum += ((double)vector[j] - mean[j]) * ((double)vector[j] - mean[j]);
+    }
+    return sqrt(sum);
+}
+
+/* What Lloyd's iterations end with, however few distances they look at: no vector is nearer to another mean, but for the
+ * rounding of float distances. */
+static void every_vector_ends_nearest_to_its_own_mean(void)
+{
+    enum { CLUSTERS = 15 };
+    float *vectors = malloc((size_t)COUNT * LENGTH * sizeof *vectors);
+    uint32_t labels[COUNT];
+    double means[CLUSTERS][LENGTH] = {{0}}, sizes[CLUSTERS] = {0};
+    TEST_ASSERT_NOT_NULL(vectors);
+    for (size_t i = 0; i < (size_t)COUNT * LENGTH; i++) {
+        vectors[i] = (float)random_uniform(12, i);
+    }
+    cluster(vectors, COUNT, LENGTH, CLUSTERS, 3, labels);
+    for (size_t i = 0; i < COUNT; i++) {
+        sizes[labels[i]]++;
+        for (size_t j = 0; j < LENGTH; j++) {
+            means[labels[i]][j] += (double)vectors[i * LENGTH + j];
+        }
+    }
+    for (size_t i = 0; i < (size_t)CLUSTERS * LENGTH; i++) {
+        means[i / LENGTH][i % LENGTH] /= sizes[i / LENGTH];
+    }
+    for (size_t i = 0; i < COUNT; i++) {
+        double own = distance(vectors + i * LENGTH, means[labels[i]]);
+        for (size_t k = 0; k < CLUSTERS; k++) {
+            TEST_ASSERT_TRUE(own <= distance(vectors + i * LENGTH, means[k]) * (1 + 1e-6));
+        }
+    }
+    free(vectors);
+}
+
 static void a_single_vector_is_a_cluster(void)
 {
     float vector[3] = {1, 2, 3};
@@ -159,6 +200,7 @@ int main(void)
     RUN_TEST(more_clusters_than_different_vectors_leaves_some_empty);
     RUN_TEST(no_cluster_stays_empty_while_vectors_differ);
     RUN_TEST(identical_vectors_form_one_cluster);
+    RUN_TEST(every_vector_ends_nearest_to_its_own_mean);
     RUN_TEST(a_single_vector_is_a_cluster);
     return UNITY_END();
 }
