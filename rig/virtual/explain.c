@@ -8,10 +8,9 @@
 
 enum { FIXED_EFFECTS = 10 };
 
-/* Measured on one 2 to 3 GHz core: a voxel in an iteration for 16 responses, and finding the material of one place. */
-static const double VOXEL_SECONDS = 50e-9;
+/* Measured on one 2 to 3 GHz core: a voxel for 8 responses, and finding the material of one place. */
+static const double VOXEL_SECONDS = 300e-9;
 static const double PLACE_SECONDS = 100e-9;
-static const double ITERATIONS = 13;
 static const int PLACES_IN_VOXEL = 32;
 
 struct list {
@@ -37,10 +36,13 @@ __attribute__((format(printf, 6, 7))) static void add(struct list *list, const c
 
 static double solve_seconds(const struct transport_facts *facts, int window)
 {
-    double side = (window + 2.0 * facts->reach_points + 4) * facts->subdivide;
-    double voxels = fmin(side, facts->voxels[0]) * fmin(side, facts->voxels[1]) * facts->voxels[2];
-    double batches = ceil(facts->width / 4.0) * ceil(facts->height / 4.0) * 3;
-    return batches * voxels * ITERATIONS * VOXEL_SECONDS;
+    double batches = 2 * ceil(facts->width / 4.0) * ceil(facts->height / 4.0);
+    double voxels = 0;
+    for (int c = 0; c < 3; c++) {
+        double side = (window + 2.0 * facts->reach_points[c] + 4) * facts->subdivide;
+        voxels += fmin(side, facts->voxels[0]) * fmin(side, facts->voxels[1]) * facts->voxels[2];
+    }
+    return batches * voxels * VOXEL_SECONDS;
 }
 
 /* The first material for which some channel fulfils the test. */
@@ -171,7 +173,9 @@ int explain_effects(const struct sample *sample, const struct transport *transpo
 {
     struct list list = {.sample = sample};
     struct transport_facts facts = transport_facts(transport);
-    facts.reach_points = transport_reach(transport, window);
+    for (int c = 0; c < 3; c++) {
+        facts.reach_points[c] = transport_reach(transport, window, c);
+    }
     list.effects = calloc(FIXED_EFFECTS + sample->inclusion_count, sizeof *list.effects);
     if (!list.effects) {
         return nacre_fail_memory(error, "the list of effects");

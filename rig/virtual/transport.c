@@ -7,39 +7,40 @@
 #include "rig/virtual/medium.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
 enum {
-    TILE = 4, /* surface points along a side of what is solved at once: 16 lanes */
-    LANES = TILE * TILE,
+    TILE = 4,                /* surface points along a side of what is solved on one box */
+    LANES = DIFFUSION_BATCH, /* of them at once */
+    BATCHES = TILE * TILE / LANES,
 };
 
 struct transport {
     struct medium *medium;
     struct diffusion *diffusion;
-    float *single;   /* [3][height][width]: light scattered once, which leaves where it came in */
-    double decay_mm; /* over which light falls off to 1 / e in the clearest material and channel */
-    struct diffusion_problem problem;
+    float *single; /* [3][height][width]: light scattered once, which leaves where it came in */
+    double decay_mm
+        [MEDIUM_CHANNELS]; /* over which light falls off to 1 / e in the clearest material */
+    struct diffusion_problem problem; /* all of the slab, for lit pictures */
     struct transport_facts facts;
 };
 
 /* How far light goes in the clearest material of the sample: the slowest mode of a slab between its extrapolated
  * boundaries. */
-static double longest_decay_mm(const struct sample *sample)
+static double longest_decay_mm(const struct sample *sample, int channel)
 {
     double longest = 0;
     for (size_t i = 0; i < sample->material_count; i++) {
         const struct sample_material *material = &sample->materials[i];
-        for (int c = 0; c < MEDIUM_CHANNELS; c++) {
-            double absorption = material->absorption_per_mm[c];
-            double extinction =
-                absorption + (1 - material->anisotropy[c]) * material->scattering_per_mm[c];
-            double beyond = 2 * fresnel_boundary_a(material->index) / (3 * extinction);
-            double across = 3.14159265358979 / (sample->thickness_mm + 2 * beyond);
-            longest = fmax(longest, 1 / sqrt(3 * absorption * extinction + across * across));
-        }
+        double absorption = material->absorption_per_mm[channel];
+        double extinction =
+            absorption + (1 - material->anisotropy[channel]) * material->scattering_per_mm[channel];
+        double beyond = 2 * fresnel_boundary_a(material->index) / (3 * extinction);
+        double across = 3.14159265358979 / (sample->thickness_mm + 2 * beyond);
+        longest = fmax(longest, 1 / sqrt(3 * absorption * extinction + across * across));
     }
     return longest;
 }
@@ -105,7 +106,9 @@ int transport_new(const struct sample *sample, struct transport **transport,
         goto out;
     }
     fill_single(made);
-    made->decay_mm = longest_decay_mm(sample);
+    for (int c = 0; c < MEDIUM_CHANNELS; c++) {
+        made->decay_mm[c] = longest_decay_mm(sample, c);
+    }
     const struct medium *medium = made->medium;
     made->facts = (struct transport_facts){.width = sample->width,
                                            .height = sample->height,
@@ -159,9 +162,10 @@ static void light_point(const struct transport *transport, struct diffusion_prob
         int place[2];
         const float4 *source =
             transport->diffusion->source + point_column(transport, x, y, i, place);
-        float4 *values = problem->values + diffusion_problem_cell(problem, place[0], place[1], 0);
+        float4 *given = (float4 *)(void *)problem->source +
+                        diffusion_problem_cell(problem, place[0], place[1], 0);
         for (int z = 0; z < medium->nz; z++) {
-            values[z] = source[z] * irradiance;
+            given[z] = source[z] * irradiance;
         }
     }
 }
@@ -175,8 +179,8 @@ static float4 view_point(const struct transport *transport, const struct diffusi
         int place[2];
         const float4 *source =
             transport->diffusion->source + point_column(transport, x, y, i, place);
-        const float4 *values =
-            problem->values + diffusion_problem_cell(problem, place[0], place[1], 0);
+        const float4 *values = (const float4 *)(const void *)problem->values +
+                               diffusion_problem_cell(problem, place[0], place[1], 0);
         for (int z = 0; z < medium->nz; z++) {
             sum += source[z] * values[z];
         }
@@ -189,10 +193,15 @@ int transport_apply(struct transport *transport, const float *irradiance, float 
 {
     const struct medium *medium = transport->medium;
     struct diffusion_problem *problem = &transport->problem;
-    const struct diffusion_box all = {0, 0, medium->nx, medium->ny};
+    const struct diffusion_box all = {0, 0, medium->nx, medium->ny, 0};
     size_t points = (size_t)medium->width * (size_t)medium->height;
-    int status =
-        diffusion_problem_set(problem, transport->diffusion, all, DIFFUSION_CHANNELS, error);
+    int status = NACRE_OK;
+    if (problem->levels) {
+        diffusion_problem_darken(problem);
+    } else {
+        status = diffusion_problem_set(problem, transport->diffusion, all, DIFFUSION_CHANNELS, -1,
+                                       error);
+    }
     if (status) {
         return status;
     }
@@ -201,7 +210,7 @@ int transport_apply(struct transport *transport, const float *irradiance, float 
         light_point(transport, problem, (int)(i % (size_t)medium->width),
                     (int)(i / (size_t)medium->width), lit);
     }
-    status = diffusion_solve(transport->diffusion, problem, -1, error);
+    status = diffusion_solve(problem, error);
     if (status) {
         return status;
     }
@@ -219,10 +228,11 @@ int transport_apply(struct transport *transport, const float *irradiance, float 
 /* The responses of a row of tiles, as they are computed. */
 struct tile_row {
     struct transport *transport;
-    int window, reach; /* of the boxes, beyond the window, in points */
-    int y;             /* of the first point */
-    float *responses;  /* [TILE][width][3][K][K] */
-    double *leaving;   /* [TILE][width][3][2]: light that leaves anywhere, and within the window */
+    int window;
+    int reach[MEDIUM_CHANNELS]; /* of the boxes, beyond the window, in points */
+    int y;                      /* of the first point */
+    float *responses;           /* [TILE][width][3][K][K] */
+    double *leaving; /* [TILE][width][3][2]: light that leaves anywhere, and within the window */
 };
 
 static int clip(int value, int high)
@@ -230,27 +240,42 @@ static int clip(int value, int high)
     return value < 0 ? 0 : value > high ? high : value;
 }
 
-/* The box of voxels in which the points of the tile at (x, y) are solved. */
-static struct diffusion_box tile_box(const struct tile_row *row, int x)
+/* The box of voxels in which the points of the tile at (x, y) are solved. Beyond its sides light goes on falling off: by
+ * the decay of the slowest mode, and like 1 / sqrt(r) as it spreads. */
+static struct diffusion_box tile_box(const struct tile_row *row, int x, int channel)
 {
     const struct medium *medium = row->transport->medium;
     int side = medium->subdivide;
-    int before = medium->margin - row->window / 2 - row->reach;
-    int after = medium->margin + TILE + row->window / 2 + row->reach;
+    int around = row->window / 2 + row->reach[channel];
+    int before = medium->margin - around;
+    int after = medium->margin + TILE + around;
+    double fall =
+        medium->cell_mm / row->transport->decay_mm[channel] + 0.5 / ((around + 0.5 * TILE) * side);
     return (struct diffusion_box){.x0 = clip((x + before) * side, medium->nx),
                                   .y0 = clip((row->y + before) * side, medium->ny),
                                   .x1 = clip((x + after) * side, medium->nx),
-                                  .y1 = clip((row->y + after) * side, medium->ny)};
+                                  .y1 = clip((row->y + after) * side, medium->ny),
+                                  .open = (float)(fall / (1 + 0.5 * fall))};
 }
 
-static void light_tile(const struct tile_row *row, struct diffusion_problem *problem, int x0,
-                       int channel)
+/* The surface point of a lane of a batch of the tile that begins at column x0; false if there is none. */
+static bool lane_point(const struct tile_row *row, int x0, int batch, int lane, int *x, int *y)
+{
+    const struct medium *medium = row->transport->medium;
+    int i = batch * LANES + lane;
+    *x = x0 + i % TILE;
+    *y = row->y + i / TILE;
+    return *x < medium->width && *y < medium->height;
+}
+
+static void light_batch(const struct tile_row *row, struct diffusion_problem *problem, int x0,
+                        int batch, int channel)
 {
     const struct medium *medium = row->transport->medium;
     for (int lane = 0; lane < LANES; lane++) {
-        int x = x0 + lane % TILE;
-        int y = row->y + lane / TILE;
-        if (x >= medium->width || y >= medium->height) {
+        int x;
+        int y;
+        if (!lane_point(row, x0, batch, lane, &x, &y)) {
             continue;
         }
         for (int i = 0; i < medium->subdivide * medium->subdivide; i++) {
@@ -259,9 +284,8 @@ static void light_tile(const struct tile_row *row, struct diffusion_problem *pro
                 row->transport->diffusion->source + point_column(row->transport, x, y, i, place);
             size_t first = diffusion_problem_cell(problem, place[0], place[1], 0);
             for (int z = 0; z < medium->nz; z++) {
-                problem
-                    ->values[(first + (size_t)z) * problem->groups + (size_t)lane / 4][lane % 4] =
-                    source[z][channel];
+                /* NOLINTNEXTLINE(clang-analyzer-core.NullDereference): solver_set has set it */
+                problem->source[(first + (size_t)z) * LANES + (size_t)lane] = source[z][channel];
             }
         }
     }
@@ -276,12 +300,12 @@ static void view_box(const struct tile_row *row, const struct diffusion_problem 
     for (int y = box->y0; y < box->y1; y++) {
         for (int x = box->x0; x < box->x1; x++) {
             const float4 *source = diffusion->source + diffusion_cell(diffusion, x, y, 0);
-            const float4 *values =
-                problem->values + diffusion_problem_cell(problem, x, y, 0) * problem->groups;
-            float4 sums[LANES / 4] = {{0}};
+            const float *values =
+                problem->values + diffusion_problem_cell(problem, x, y, 0) * LANES;
+            float sums[LANES] = {0};
             for (size_t z = 0; z < problem->column; z++) {
-                for (size_t g = 0; g < LANES / 4; g++) {
-                    sums[g] += source[z][channel] * *values++;
+                for (size_t lane = 0; lane < LANES; lane++) {
+                    sums[lane] += source[z][channel] * *values++;
                 }
             }
             memcpy(seen, sums, sizeof sums);
@@ -346,39 +370,60 @@ static void gather_response(const struct tile_row *row, const struct diffusion_b
                              points_box(medium, x - half, y - half, x + half + 1, y + half + 1));
 }
 
-/* Solve the points of one tile in one channel. */
-static int solve_tile(const struct tile_row *row, int x, int channel, struct nacre_error *error)
+/* What a thread needs to solve tiles. */
+struct solver {
+    struct diffusion_problem problem;
+    float *seen;
+    size_t seen_capacity;
+};
+
+static int solver_set(struct solver *solver, const struct tile_row *row, int x, int channel,
+                      struct nacre_error *error)
 {
-    struct diffusion_problem problem = {0};
-    float *seen = NULL;
-    const struct diffusion *diffusion = row->transport->diffusion;
-    const struct diffusion_box box = tile_box(row, x);
-    int status = diffusion_problem_set(&problem, diffusion, box, DIFFUSION_BATCH, error);
-    if (status) {
-        goto out;
-    }
-    /* NOLINTNEXTLINE(clang-analyzer-optin.portability.UnixAPI): the box holds the tile */
-    seen = calloc((size_t)(box.x1 - box.x0) * (size_t)(box.y1 - box.y0), LANES * sizeof *seen);
-    if (!seen) {
-        status = nacre_fail_memory(error, "the responses");
-        goto out;
-    }
-    light_tile(row, &problem, x, channel);
-    status = diffusion_solve(diffusion, &problem, channel, error);
-    if (status) {
-        goto out;
-    }
-    view_box(row, &problem, channel, seen);
-    for (int lane = 0; lane < LANES; lane++) {
-        int lane_x = x + lane % TILE;
-        int lane_y = row->y + lane / TILE;
-        if (lane_x < row->transport->medium->width && lane_y < row->transport->medium->height) {
-            gather_response(row, &box, lane, lane_x, lane_y, channel, seen);
+    const struct diffusion_box box = tile_box(row, x, channel);
+    size_t needed = (size_t)(box.x1 - box.x0) * (size_t)(box.y1 - box.y0) * LANES;
+    if (needed > solver->seen_capacity) {
+        free(solver->seen);
+        solver->seen = calloc(needed, sizeof *solver->seen);
+        solver->seen_capacity = solver->seen ? needed : 0;
+        if (!solver->seen) {
+            return nacre_fail_memory(error, "the responses");
         }
     }
-out:
-    free(seen);
-    diffusion_problem_finish(&problem);
+    return diffusion_problem_set(&solver->problem, row->transport->diffusion, box, DIFFUSION_BATCH,
+                                 channel, error);
+}
+
+static void solver_finish(struct solver *solver)
+{
+    diffusion_problem_finish(&solver->problem);
+    free(solver->seen);
+}
+
+/* Solve the points of one tile in one channel. */
+static int solve_tile(const struct tile_row *row, struct solver *solver, int x0, int channel,
+                      struct nacre_error *error)
+{
+    struct diffusion_problem *problem = &solver->problem;
+    int status = solver_set(solver, row, x0, channel, error);
+    for (int batch = 0; batch < BATCHES && !status; batch++) {
+        if (batch > 0) {
+            diffusion_problem_darken(problem);
+        }
+        light_batch(row, problem, x0, batch, channel);
+        status = diffusion_solve(problem, error);
+        if (status) {
+            break;
+        }
+        view_box(row, problem, channel, solver->seen);
+        for (int lane = 0; lane < LANES; lane++) {
+            int x;
+            int y;
+            if (lane_point(row, x0, batch, lane, &x, &y)) {
+                gather_response(row, &problem->box, lane, x, y, channel, solver->seen);
+            }
+        }
+    }
     return status;
 }
 
@@ -386,21 +431,26 @@ static int solve_row(const struct tile_row *row, struct nacre_error *error)
 {
     int tiles = (row->transport->medium->width + TILE - 1) / TILE;
     int status = NACRE_OK;
-#pragma omp parallel for schedule(dynamic)
-    for (int i = 0; i < tiles * MEDIUM_CHANNELS; i++) {
-        struct nacre_error mine;
-        if (progress_interrupted()) {
-            continue; /* the caller's progress_step tells */
-        }
-        if (solve_tile(row, i / MEDIUM_CHANNELS * TILE, i % MEDIUM_CHANNELS, &mine)) {
+#pragma omp parallel
+    {
+        struct solver solver = {0};
+#pragma omp for schedule(dynamic)
+        for (int i = 0; i < tiles * MEDIUM_CHANNELS; i++) {
+            struct nacre_error mine;
+            if (progress_interrupted()) {
+                continue; /* the caller's progress_step tells */
+            }
+            if (solve_tile(row, &solver, i % tiles * TILE, i / tiles, &mine)) {
 #pragma omp critical
-            {
-                status = NACRE_FAILED;
-                if (error) {
-                    *error = mine;
+                {
+                    status = NACRE_FAILED;
+                    if (error) {
+                        *error = mine;
+                    }
                 }
             }
         }
+        solver_finish(&solver);
     }
     return status;
 }
@@ -431,11 +481,12 @@ static int write_row(const struct tile_row *row, struct nacre_scan_writer *write
     return NACRE_OK;
 }
 
-int transport_reach(const struct transport *transport, int window)
+int transport_reach(const struct transport *transport, int window, int channel)
 {
-    /* What is dark beyond dims the window's edge as light that goes there and back would have brightened it. */
-    static const double REACH_DECAYS = 9;
-    double points = transport->decay_mm * REACH_DECAYS / transport->facts.pitch_mm;
+    /* What a side throws back has gone there and back when it reaches the window's edge; a side that is open throws a
+     * part back only. */
+    static const double REACH_DECAYS = 6;
+    double points = transport->decay_mm[channel] * REACH_DECAYS / transport->facts.pitch_mm;
     double reach = ceil(0.5 * (points - 0.5 * window));
     return reach < 2 ? 2 : reach > 100000 ? 100000 : (int)reach;
 }
@@ -467,7 +518,9 @@ int transport_write_scan(struct transport *transport, int window, const char *pa
         return nacre_fail(error, "the window is %d; it must be odd, from 1 to 1023", window);
     }
     size_t entries = TILE * (size_t)facts->width * MEDIUM_CHANNELS;
-    row.reach = facts->reach_points = transport_reach(transport, window);
+    for (int c = 0; c < MEDIUM_CHANNELS; c++) {
+        row.reach[c] = facts->reach_points[c] = transport_reach(transport, window, c);
+    }
     facts->outside_mean = facts->outside_max = 0;
     row.responses = calloc(entries, (size_t)window * (size_t)window * sizeof *row.responses);
     row.leaving = calloc(entries, 2 * sizeof *row.leaving);

@@ -31,14 +31,14 @@ struct transport_facts {
     int subdivide;            /* voxels along a surface point */
     double cell_mm;           /* side of a voxel */
     double first_mm, last_mm; /* height of the top and the bottom voxel */
-    int reach_points;         /* transport_reach of the last scan's window */
+    int reach_points[3];      /* transport_reach of the last scan's window */
     double outside_mean,
         outside_max; /* part of a response's light that left beyond its window, all channels */
 };
 
 /* How many points beyond a K x K window transport_write_scan solves for, so that what is cut off there changes no entry
- * by a millionth of the response's sum. */
-int transport_reach(const struct transport *transport, int window);
+ * by more than some millionths of the response's sum. */
+int transport_reach(const struct transport *transport, int window, int channel);
 
 struct transport_facts transport_facts(const struct transport *transport);
 

@@ -170,7 +170,7 @@ static void scan_holds_the_responses_of_single_points(void)
     TEST_ASSERT_EQUAL_INT_MESSAGE(
         0, nacre_scan_open(write_scan(transport, K, "scan.exr"), &scan, &error), error.text);
     struct transport_facts facts = transport_facts(transport);
-    TEST_ASSERT_TRUE(K / 2 + facts.reach_points < sample.width); /* the boxes are really cut */
+    TEST_ASSERT_TRUE(K / 2 + facts.reach_points[0] < sample.width); /* the boxes are really cut */
     TEST_ASSERT_EQUAL_INT(21, nacre_scan_info(scan)->width);
     TEST_ASSERT_EQUAL_INT(6, nacre_scan_info(scan)->height);
     TEST_ASSERT_EQUAL_INT(3, nacre_scan_info(scan)->channels);
@@ -190,8 +190,9 @@ static void scan_holds_the_responses_of_single_points(void)
                     (double)seen[(size_t)(entry / PLANE) * points + (size_t)(out_y * 21 + out_x)];
             }
             double peak = (double)seen[(size_t)(entry / PLANE) * points + i];
-            /* The solver's tolerance, and what is cut off beyond the reach. */
-            TEST_ASSERT_DOUBLE_WITHIN(4e-6 * peak, expected, (double)response[entry]);
+            /* The solver's tolerance, and what is cut off beyond the reach: some millionths of the response's sum, of
+             * which the peak has a third. */
+            TEST_ASSERT_DOUBLE_WITHIN(1e-5 * peak, expected, (double)response[entry]);
             TEST_ASSERT_TRUE(response[entry] >= 0);
         }
         free(seen);
