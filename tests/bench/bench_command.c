@@ -107,9 +107,10 @@ static bool print_run(const struct bench_case *c, const struct run *run)
     double objective = number(run, "objective"), memory = run->peak_bytes / bytes;
     printf("nacre factor, %s %d x %d, K %d, %d channels (%.0f MB), T %d, k %d\n", c->name, c->width,
            c->height, c->window, c->channels, bytes * 1e-6, c->terms, c->clusters);
-    printf("  time       %.1f s, asked for %.0f s on two cores; %.1f s of user time, %.1f s of "
-           "processor time\n",
-           run->time.wall, SECONDS_ASKED, run->user, run->time.processor);
+    printf("  time       %.1f s, asked for %.0f s on two cores; %.1f s of processor time, %.1f s "
+           "of it "
+           "user time: %.1f s on two idle cores at best\n",
+           run->time.wall, SECONDS_ASKED, run->time.processor, run->user, run->time.processor / 2);
     printf("  stages    ");
     for (size_t i = 0; i < sizeof stages / sizeof *stages; i++) {
         char key[32];
