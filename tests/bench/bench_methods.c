@@ -38,7 +38,7 @@ static bool verify(const struct bench_case *c, const struct opencl *opencl)
     struct nacre_error error = {0};
     struct case_problem made;
     struct method *mu = NULL;
-    case_make(c, layout_lanes(opencl), &made);
+    case_make(c, layout_lanes(opencl), false, &made);
     int status = update_new(opencl, &made.problem, NULL, &mu, &error);
     for (int i = 0; i < CASE_UPDATES && status == NACRE_OK; i++) {
         status = mu->ops->step(mu, 0, NULL, &error);
@@ -136,27 +136,28 @@ static void print_rows(const struct race *r)
     printf(" %d | %.1f s |\n", asked_ratio(r->of), numba_goal(r->of));
 }
 
-/* Arguments: numbers of the cases, from 0; none for all but the smallest. Cases of three channels are left out. */
+/* Arguments: --half for responses as half floats; numbers of the cases, from 0; none for all but the smallest. Cases of three channels are left out. */
 int main(int argc, char **argv)
 {
     struct nacre_error error = {0};
     struct opencl opencl;
     struct race races[RACES];
     int count = 0;
-    bool good = true;
+    bool good = true, half = argc > 1 && strcmp(argv[1], "--half") == 0;
     if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
         (void)fprintf(stderr, "SKIP: %s\n", error.text);
         return 77;
     }
-    printf("%s, %u compute units\n", opencl.name, opencl.compute_units);
+    printf("%s, %u compute units, responses as %s\n", opencl.name, opencl.compute_units,
+           half ? "half floats" : "floats");
     good = verify(&cases[0], &opencl);
     for (int i = 0; cases[i].name && count < RACES; i++) {
-        bool wanted = argc == 1 && i > 0;
-        for (int a = 1; a < argc; a++) {
+        bool wanted = argc == 1 + half && i > 0;
+        for (int a = 1 + half; a < argc; a++) {
             wanted |= strtol(argv[a], NULL, 10) == i;
         }
         if (wanted && cases[i].channels == 1 && cases[i].goal > 0) {
-            races[count] = race_run(&cases[i], &opencl);
+            races[count] = race_run(&cases[i], half, &opencl);
             print_details(&races[count]);
             good &= races[count].steps > 0 && agrees(races[count].prefix, cases[i].prefix);
             count++;

@@ -53,8 +53,10 @@ static double precision(const struct case_problem *made, struct method *method)
         exact[i / count * count + plane % points * terms + plane / points] = planes[i];
     }
     free(planes);
-    exact_update(made, false, exact, exact + count);
-    exact_update(made, true, exact, exact + count);
+    float *windows = case_windows(made);
+    exact_update(made, windows, false, exact, exact + count);
+    exact_update(made, windows, true, exact, exact + count);
+    free(windows);
     (void)time_iteration(method, false);
     planes = factors_of(made, method);
     for (size_t i = 0; i < 2 * count; i++) {
@@ -98,13 +100,13 @@ static void compare(const struct bench_case *c, struct method *method, double wo
 }
 
 /* Whether the kernels are as precise as asked for. */
-static bool run(const struct bench_case *c, const struct opencl *opencl,
+static bool run(const struct bench_case *c, const struct opencl *opencl, bool half,
                 const struct update_tile *tile)
 {
     struct nacre_error error = {0};
     struct case_problem made;
     struct method *method = NULL;
-    case_make(c, layout_lanes(opencl), &made);
+    case_make(c, layout_lanes(opencl), half, &made);
     if (update_new(opencl, &made.problem, tile, &method, &error) != NACRE_OK) {
         fail(error.text);
     }
@@ -120,22 +122,24 @@ static int number(const char *text)
     return (int)strtol(text, NULL, 10);
 }
 
-/* Arguments: --tile ROWS STEPS GROUP to try one; numbers of the cases, from 0, none for all of one channel. */
+/* Arguments: --half for responses as half floats; --tile ROWS STEPS GROUP to try one; numbers of the cases, from 0, none for all of one channel. */
 int main(int argc, char **argv)
 {
     struct update_tile tile = {0};
     struct opencl opencl;
     struct nacre_error error = {0};
-    bool wanted[64] = {false}, any = false, good = true;
+    bool wanted[64] = {false}, any = false, half = false, good = true;
     for (int i = 1; i < argc; i++) {
         if (strcmp(argv[i], "--tile") == 0 && i + 3 < argc) {
             tile =
                 (struct update_tile){number(argv[i + 1]), number(argv[i + 2]), number(argv[i + 3])};
             i += 3;
+        } else if (strcmp(argv[i], "--half") == 0) {
+            half = true;
         } else if (number(argv[i]) >= 0 && number(argv[i]) < 64) {
             wanted[number(argv[i])] = any = true;
         } else {
-            fail("usage: bench_update [--tile ROWS STEPS GROUP] [NUMBER OF A CASE ...]");
+            fail("usage: bench_update [--half] [--tile ROWS STEPS GROUP] [NUMBER OF A CASE ...]");
         }
     }
     if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
@@ -146,7 +150,7 @@ int main(int argc, char **argv)
            opencl.name, opencl.compute_units);
     for (int i = 0; cases[i].name; i++) {
         if (any ? wanted[i] : cases[i].channels == 1) {
-            good &= run(&cases[i], &opencl, tile.rows ? &tile : NULL);
+            good &= run(&cases[i], &opencl, half, tile.rows ? &tile : NULL);
         }
     }
     opencl_close(&opencl);

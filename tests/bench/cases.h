@@ -40,9 +40,13 @@ struct case_problem {
     struct problem problem;
 };
 
-/* Ends the program after an error. The problem points into *made, which must stay where it is. */
-void case_make(const struct bench_case *c, int lanes, struct case_problem *made);
+/* With the responses as half floats or floats. Ends the program after an error. The problem points into *made, which must
+ * stay where it is. */
+void case_make(const struct bench_case *c, int lanes, bool half, struct case_problem *made);
 void case_finish(struct case_problem *made);
+
+/* The first channel's responses in scaled units, window by window: [height][width][K][K], 0 outside the sample. Heap. */
+float *case_windows(const struct case_problem *made);
 
 /* The sum over channels of a method's objective, in the responses' unit. */
 double case_objective(const struct case_problem *made, struct method *method);

@@ -4,8 +4,8 @@
 enum { TERMS = 256 };
 
 /* Sums of one point over the entries that light takes from it (or, for H, to it). */
-static void update_point(const struct case_problem *made, bool of_h, int x, int y, double *own,
-                         const double *others)
+static void update_point(const struct case_problem *made, const float *windows, bool of_h, int x,
+                         int y, double *own, const double *others)
 {
     const struct responses *r = &made->responses;
     int half = r->window / 2, sign = of_h ? -1 : 1, terms = made->problem.terms;
@@ -17,10 +17,11 @@ static void update_point(const struct case_problem *made, bool of_h, int x, int 
                 continue;
             }
             int lit_x = of_h ? ox : x, lit_y = of_h ? oy : y;
-            size_t id = made->ids[(size_t)lit_y * (size_t)r->width + (size_t)lit_x];
-            double g =
-                made->kernels[(id * (size_t)r->window + (size_t)v) * (size_t)r->window + (size_t)u];
-            double response = r->values[0][responses_index(r, lit_x, lit_y, u, v)], model = 0;
+            size_t lit = (size_t)lit_y * (size_t)r->width + (size_t)lit_x, id = made->ids[lit];
+            size_t area = (size_t)r->window * (size_t)r->window;
+            size_t entry = (size_t)v * (size_t)r->window + (size_t)u;
+            double g = made->kernels[id * area + entry];
+            double response = windows[lit * area + entry], model = 0;
             const double *other =
                 others + ((size_t)oy * (size_t)r->width + (size_t)ox) * (size_t)terms;
             for (int t = 0; t < terms; t++) {
@@ -37,7 +38,8 @@ static void update_point(const struct case_problem *made, bool of_h, int x, int 
     }
 }
 
-void exact_update(const struct case_problem *made, bool of_h, double *f, double *h)
+void exact_update(const struct case_problem *made, const float *windows, bool of_h, double *f,
+                  double *h)
 {
     const struct responses *r = &made->responses;
     size_t terms = (size_t)made->problem.terms;
@@ -45,7 +47,7 @@ void exact_update(const struct case_problem *made, bool of_h, double *f, double 
     for (int y = 0; y < r->height; y++) {
         for (int x = 0; x < r->width; x++) {
             size_t point = (size_t)y * (size_t)r->width + (size_t)x;
-            update_point(made, of_h, x, y, (of_h ? h : f) + point * terms, of_h ? f : h);
+            update_point(made, windows, of_h, x, y, (of_h ? h : f) + point * terms, of_h ? f : h);
         }
     }
 }

@@ -269,11 +269,11 @@ void field_response(const struct field *f, int x, int y, float *response)
     }
 }
 
-struct responses field_load(const struct field *f, int lanes)
+struct responses field_load(const struct field *f, int lanes, bool half)
 {
     struct nacre_error error = {0};
     struct responses responses;
-    if (responses_begin(&responses, &f->info, lanes, false, &error) != NACRE_OK) {
+    if (responses_begin(&responses, &f->info, lanes, half, &error) != NACRE_OK) {
         fail(error.text);
     }
 #pragma omp parallel for schedule(dynamic)

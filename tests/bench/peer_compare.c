@@ -28,18 +28,6 @@ static double difference(const float *a, const float *b, size_t count)
     return worst / largest;
 }
 
-static float *windows_of(const struct responses *r)
-{
-    size_t points = (size_t)r->width * (size_t)r->height;
-    size_t area = (size_t)r->window * (size_t)r->window;
-    float *windows = allocate(points * area * sizeof *windows);
-    for (size_t i = 0; i < points; i++) {
-        responses_get(r, 0, (int)(i % (size_t)r->width), (int)(i / (size_t)r->width),
-                      windows + i * area);
-    }
-    return windows;
-}
-
 /* F and H one behind the other, [height][width][terms]. */
 static float *factors_of(const struct case_problem *made, struct method *method)
 {
@@ -62,7 +50,7 @@ struct moment peer_compare(const struct case_problem *made, struct method *mu)
     const struct responses *r = &made->responses;
     size_t count = (size_t)r->width * (size_t)r->height * (size_t)made->problem.terms;
     struct nacre_error error = {0};
-    float *windows = windows_of(r), *theirs = factors_of(made, mu);
+    float *windows = case_windows(made), *theirs = factors_of(made, mu);
     struct peer peer = {.width = r->width,
                         .height = r->height,
                         .window = r->window,

@@ -115,12 +115,12 @@ static void warm_up(const struct opencl *opencl, const struct case_problem *made
     }
 }
 
-struct race race_run(const struct bench_case *c, const struct opencl *opencl)
+struct race race_run(const struct bench_case *c, bool half, const struct opencl *opencl)
 {
     struct race race = {.of = c,
                         .flops = 12.0 * c->terms * entries_inside(c->width, c->height, c->window)};
     struct case_problem made;
-    case_make(c, layout_lanes(opencl), &made);
+    case_make(c, layout_lanes(opencl), half, &made);
     warm_up(opencl, &made);
     struct method *mu = make(opencl, &made, true), *hals = make(opencl, &made, false);
     take_turns(&race, &made, mu, hals);

@@ -23,8 +23,8 @@ struct race {
     struct profile profile; /* of its kernels */
 };
 
-/* Run it; minutes. Ends the program after an error. */
-struct race race_run(const struct bench_case *c, const struct opencl *opencl);
+/* Run it, with responses as half floats or floats; up to a minute. Ends the program after an error. */
+struct race race_run(const struct bench_case *c, bool half, const struct opencl *opencl);
 
 /* sgemm's rate in this race, flops a second of wall and of processor time. */
 struct moment race_sgemm(const struct race *race);
