@@ -15,7 +15,7 @@ static void print_goal(const struct bench_case *c, const struct opencl *opencl)
     struct method *method = NULL;
     double prefix = 0;
     case_make(c, layout_lanes(opencl), false, &made);
-    if (update_new(opencl, &made.problem, NULL, &method, &error) != NACRE_OK) {
+    if (update_new(opencl, &made.attempt.problem, NULL, &method, &error) != NACRE_OK) {
         fail(error.text);
     }
     struct moment start = timing_now();

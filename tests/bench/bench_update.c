@@ -30,7 +30,7 @@ static struct moment time_iteration(struct method *method, bool with_objective)
 static float *factors_of(const struct case_problem *made, struct method *method)
 {
     size_t points = (size_t)made->responses.width * (size_t)made->responses.height;
-    size_t count = points * (size_t)made->problem.terms;
+    size_t count = points * (size_t)made->attempt.problem.terms;
     float *planes = allocate(2 * count * sizeof *planes);
     struct nacre_error error = {0};
     if (method->ops->read(method, 0, planes, planes + count, &error) != NACRE_OK) {
@@ -43,7 +43,7 @@ static float *factors_of(const struct case_problem *made, struct method *method)
  * that entry. */
 static double precision(const struct case_problem *made, struct method *method)
 {
-    size_t terms = (size_t)made->problem.terms;
+    size_t terms = (size_t)made->attempt.problem.terms;
     size_t points = (size_t)made->responses.width * (size_t)made->responses.height;
     size_t count = points * terms;
     double *exact = allocate(2 * count * sizeof *exact), worst = 0;
@@ -107,7 +107,7 @@ static bool run(const struct bench_case *c, const struct opencl *opencl, bool ha
     struct case_problem made;
     struct method *method = NULL;
     case_make(c, layout_lanes(opencl), half, &made);
-    if (update_new(opencl, &made.problem, tile, &method, &error) != NACRE_OK) {
+    if (update_new(opencl, &made.attempt.problem, tile, &method, &error) != NACRE_OK) {
         fail(error.text);
     }
     double worst = precision(&made, method);

@@ -4,7 +4,7 @@
 
 #include "field.h"
 
-#include "factor/method.h"
+#include "factor/attempt.h"
 
 enum { CASE_UPDATES = 1000, CASE_PREFIX = 20, CASE_CHANNELS = 3 };
 
@@ -16,7 +16,8 @@ struct bench_case {
     const char *name;
     enum field_kind kind;
     int width, height, window, channels, terms, clusters;
-    /* In the responses' unit, summed over channels: after CASE_PREFIX and after CASE_UPDATES updates. */
+    /* In the responses' unit, summed over channels: after CASE_PREFIX and after CASE_UPDATES updates. 0: not known, and
+     * the updates alone are timed. */
     double prefix, goal;
 };
 
@@ -32,12 +33,10 @@ const struct bench_case *case_find(const char *name, int channels, int clusters)
 /* The samples' seed. */
 enum { CASE_SEED = 1 };
 
-/* Clusters, kernels and seeds as factorize() makes them of the same responses with its default options. */
+/* A case's responses, with the clusters, kernels and seeds that factorize() gives them. */
 struct case_problem {
     struct responses responses;
-    uint32_t *ids;
-    float *kernels;
-    struct problem problem;
+    struct attempt attempt;
 };
 
 /* With the responses as half floats or floats. Ends the program after an error. The problem points into *made, which must

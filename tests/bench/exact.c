@@ -8,7 +8,7 @@ static void update_point(const struct case_problem *made, const float *windows, 
                          int y, double *own, const double *others)
 {
     const struct responses *r = &made->responses;
-    int half = r->window / 2, sign = of_h ? -1 : 1, terms = made->problem.terms;
+    int half = r->window / 2, sign = of_h ? -1 : 1, terms = made->attempt.problem.terms;
     double numerator[TERMS] = {0}, denominator[TERMS] = {0};
     for (int v = 0; v < r->window; v++) {
         for (int u = 0; u < r->window; u++) {
@@ -17,10 +17,11 @@ static void update_point(const struct case_problem *made, const float *windows, 
                 continue;
             }
             int lit_x = of_h ? ox : x, lit_y = of_h ? oy : y;
-            size_t lit = (size_t)lit_y * (size_t)r->width + (size_t)lit_x, id = made->ids[lit];
+            size_t lit = (size_t)lit_y * (size_t)r->width + (size_t)lit_x,
+                   id = made->attempt.ids[lit];
             size_t area = (size_t)r->window * (size_t)r->window;
             size_t entry = (size_t)v * (size_t)r->window + (size_t)u;
-            double g = made->kernels[id * area + entry];
+            double g = made->attempt.kernels[id * area + entry];
             double response = windows[lit * area + entry], model = 0;
             const double *other =
                 others + ((size_t)oy * (size_t)r->width + (size_t)ox) * (size_t)terms;
@@ -42,7 +43,7 @@ void exact_update(const struct case_problem *made, const float *windows, bool of
                   double *h)
 {
     const struct responses *r = &made->responses;
-    size_t terms = (size_t)made->problem.terms;
+    size_t terms = (size_t)made->attempt.problem.terms;
 #pragma omp parallel for schedule(dynamic)
     for (int y = 0; y < r->height; y++) {
         for (int x = 0; x < r->width; x++) {

@@ -32,15 +32,15 @@ static double difference(const float *a, const float *b, size_t count)
 static float *factors_of(const struct case_problem *made, struct method *method)
 {
     size_t points = (size_t)made->responses.width * (size_t)made->responses.height;
-    size_t count = points * (size_t)made->problem.terms;
+    size_t count = points * (size_t)made->attempt.problem.terms;
     float *planes = allocate(2 * count * sizeof *planes),
           *both = allocate(2 * count * sizeof *both);
     struct nacre_error error = {0};
     if (method->ops->read(method, 0, planes, planes + count, &error) != NACRE_OK) {
         fail(error.text);
     }
-    interleave(planes, made->problem.terms, points, both);
-    interleave(planes + count, made->problem.terms, points, both + count);
+    interleave(planes, made->attempt.problem.terms, points, both);
+    interleave(planes + count, made->attempt.problem.terms, points, both + count);
     free(planes);
     return both;
 }
@@ -48,16 +48,16 @@ static float *factors_of(const struct case_problem *made, struct method *method)
 struct moment peer_compare(const struct case_problem *made, struct method *mu)
 {
     const struct responses *r = &made->responses;
-    size_t count = (size_t)r->width * (size_t)r->height * (size_t)made->problem.terms;
+    size_t count = (size_t)r->width * (size_t)r->height * (size_t)made->attempt.problem.terms;
     struct nacre_error error = {0};
     float *windows = case_windows(made), *theirs = factors_of(made, mu);
     struct peer peer = {.width = r->width,
                         .height = r->height,
                         .window = r->window,
-                        .terms = made->problem.terms,
+                        .terms = made->attempt.problem.terms,
                         .responses = windows,
-                        .ids = made->ids,
-                        .kernels = made->kernels,
+                        .ids = made->attempt.ids,
+                        .kernels = made->attempt.kernels,
                         .f = theirs,
                         .h = theirs + count};
     struct moment start = timing_now();

@@ -17,8 +17,8 @@ static struct method *make(const struct opencl *opencl, const struct case_proble
 {
     struct nacre_error error = {0};
     struct method *method = NULL;
-    int status = mu ? update_new(opencl, &made->problem, NULL, &method, &error)
-                    : hals_new(opencl, &made->problem, NULL, &method, &error);
+    int status = mu ? update_new(opencl, &made->attempt.problem, NULL, &method, &error)
+                    : hals_new(opencl, &made->attempt.problem, NULL, &method, &error);
     if (status != NACRE_OK) {
         fail(error.text);
     }
@@ -78,7 +78,7 @@ static void take_turns(struct race *race, const struct case_problem *made, struc
     struct sgemm sgemm = sgemm_new();
     struct moment products[STEPS], updates[TURNS];
     int turn = 0;
-    bool done = false;
+    bool done = race->of->goal <= 0;
     profile_clear();
     (void)sgemm_run(&sgemm);
     for (; turn < STEPS && (turn < TURNS || !done); turn++) {
