@@ -5,6 +5,7 @@
 #include "nacre/error.h"
 #include "rig/bayer.h"
 
+#include <stdbool.h>
 #include <stdint.h>
 
 struct camera;
@@ -33,6 +34,9 @@ struct camera {
     int width, height; /* of raw frames, cropped to the sample's region */
     int bits;          /* a saturated pixel holds 2^bits - 1 */
     enum bayer bayer;
+    bool
+        free_running; /* it takes frame after frame, whatever the trigger does: the first exposure that
+                          begins after the trigger is its own, however long after */
 };
 
 #endif

@@ -123,7 +123,8 @@ static int match(struct run *run, const struct exposure *exposure, struct nacre_
         return nacre_fail(error, "was triggered %" PRId64 " ns before its pattern was on the glass",
                           exposure->flip_ns - exposure->trigger_ns);
     }
-    if (late_ns < 0 || late_ns > run->options->tolerance_ns) {
+    bool too_late = !run->devices->camera->free_running && late_ns > run->options->tolerance_ns;
+    if (late_ns < 0 || too_late) {
         return nacre_fail(error,
                           "frame %" PRIu32 " began %" PRId64
                           " ns after its trigger, outside 0 to %" PRId64 " ns",
@@ -143,14 +144,12 @@ static int expose_once(struct run *run, struct exposure *exposure, struct nacre_
     struct trigger *trigger = run->devices->trigger;
     struct camera_frame frame;
     int status = camera->ops->arm(camera, exposure->exposure_ns, error);
-    if (status != NACRE_OK) {
-        return status;
+    if (status == NACRE_OK) {
+        status = trigger->ops->fire(trigger, exposure->exposure_ns, &exposure->trigger_ns, error);
     }
-    status = trigger->ops->fire(trigger, exposure->exposure_ns, &exposure->trigger_ns, error);
-    if (status != NACRE_OK) {
-        return status;
+    if (status == NACRE_OK) {
+        status = camera->ops->take(camera, exposure->exposure_ns + DELIVERY_NS, &frame, error);
     }
-    status = camera->ops->take(camera, exposure->exposure_ns + DELIVERY_NS, &frame, error);
     if (status != NACRE_OK) {
         run->sequence_known = false; /* nobody knows how many were lost */
         return status;

@@ -18,7 +18,21 @@ EXTRA = {
         # irq_to_desc is not exported to modules.
         'edits': {'irq_sim.c': [('handle_simple_irq(irq_to_desc(irqnum));', 'generic_handle_irq(irqnum);')]},
     },
-    'vkms': {'files': ['drivers/gpu/drm/vkms'], 'objects': None, 'edits': {}},
+    'vkms': {'files': ['drivers/gpu/drm/vkms'], 'config': 'CONFIG_DRM_VKMS=m'},
+    # Stock vivid has no exposure: here it is a control, in 100 us, that makes the picture brighter.
+    'vivid-exposure': {
+        'files': ['drivers/media/test-drivers/vivid'],
+        'config': 'CONFIG_VIDEO_VIVID=m',
+        'edits': {
+            'Makefile': [('vivid-objs', 'vivid-exposure-objs'), ('+= vivid.o', '+= vivid-exposure.o')],
+            'vivid-ctrls.c': [
+                ('\tcase V4L2_CID_CONTRAST:\n\t\ttpg',
+                 '\tcase V4L2_CID_EXPOSURE_ABSOLUTE:\n\t\ttpg_s_brightness(&dev->tpg, min(ctrl->val, 255));\n\t\tbreak;\n'
+                 '\tcase V4L2_CID_CONTRAST:\n\t\ttpg'),
+                ('\t\t\tV4L2_CID_CONTRAST, 0, 255, 1, 128);\n',
+                 '\t\t\tV4L2_CID_CONTRAST, 0, 255, 1, 128);\n\t\tv4l2_ctrl_new_std(hdl_user_vid, &vivid_user_vid_ctrl_ops,'
+                 ' V4L2_CID_EXPOSURE_ABSOLUTE, 1, 2550, 1, 128);\n')]},
+    },
 }
 # What the guest needs before it sees the host's files.
 BOOT = ['virtio_pci', 'virtio_console', '9pnet_virtio', '9p', 'overlay']
@@ -116,15 +130,15 @@ def build_module(name, source, work, headers, modules):
         for file in [os.path.join(source, path)] if path.endswith(('.c', '.h')) else \
                 glob.glob(os.path.join(source, path, '*')):
             shutil.copy(file, folder)
-    for file, changes in EXTRA[name]['edits'].items():
+    for file, changes in EXTRA[name].get('edits', {}).items():
         edit(os.path.join(folder, file), changes)
-    if EXTRA[name]['objects']:
+    if 'objects' in EXTRA[name]:
         with open(os.path.join(folder, 'Kbuild'), 'w', encoding='ascii') as file:
             # The module may not have the name of one of its objects.
             os.rename(os.path.join(folder, f'{name}.c'), os.path.join(folder, f'{name}-main.c'))
             objects = EXTRA[name]['objects'].replace(f'{name}.o', f'{name}-main.o')
             file.write(f'obj-m := {name}.o\n{name}-objs := {objects}\n')
-    call('make', '-j2', '-C', headers, f'M={folder}', f'CONFIG_DRM_{name.upper()}=m', 'modules')
+    call('make', '-j2', '-C', headers, f'M={folder}', *EXTRA[name].get('config', '').split(), 'modules')
     os.makedirs(os.path.join(modules, 'extra'), exist_ok=True)
     shutil.copy(os.path.join(folder, f'{name}.ko'), os.path.join(modules, 'extra'))
 

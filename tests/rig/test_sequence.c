@@ -321,7 +321,7 @@ static int run_untouchable(int width, int height, int sample_width)
 {
     static const struct camera_ops camera_ops = {.name = "c"};
     static const struct projector_ops projector_ops = {.name = "p"};
-    struct camera camera = {&camera_ops, width, height, 10, BAYER_GRBG};
+    struct camera camera = {&camera_ops, width, height, 10, BAYER_GRBG, false};
     struct projector projector = {&projector_ops, sample_width, 5, 33333333};
     struct clock clock = clock_monotonic();
     struct devices devices = {&camera, &projector, NULL, &clock};
