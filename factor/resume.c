@@ -183,13 +183,14 @@ static int put_states(struct conductor *c, struct blob *blob, struct nacre_error
 {
     struct method *method = c->now.method;
     size_t size = method->ops->state_size(method);
-    int status = NACRE_OK;
+    void *state = malloc(size); /* aligned, as places in the blob need not be */
+    int status = state ? NACRE_OK : nacre_fail_memory(error, "the checkpoint");
     blob_put(blob, &size, sizeof size);
     for (int i = 0; i < c->responses->channels && status == NACRE_OK; i++) {
-        void *state = blob_reserve(blob, size);
-        status = state ? method->ops->save(method, i, state, error)
-                       : nacre_fail_memory(error, "the checkpoint");
+        status = method->ops->save(method, i, state, error);
+        blob_put(blob, state, status == NACRE_OK ? size : 0);
     }
+    free(state);
     return status;
 }
 
@@ -202,7 +203,7 @@ static int get_states(struct conductor *c, struct blob *blob, struct nacre_error
     if (size != method->ops->state_size(method)) {
         return fail_contents(error);
     }
-    void *state = malloc(size); /* aligned, as what lies in the blob need not be */
+    void *state = malloc(size);
     if (!state) {
         return nacre_fail_memory(error, "the checkpoint");
     }

@@ -1,0 +1,245 @@
+/* What a user asks of a factorization: an error, a time, an explanation, and to go on where it was stopped. */
+#include "nacre/material.h"
+#include "tests/cmd/made.h"
+#include "tests/cmd/spawn.h"
+
+#include <jansson.h>
+#include <stdbool.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+#include <unity.h>
+
+static const char *nacre;
+static char *folder, *scan, *material, *checkpoint;
+
+void setUp(void)
+{
+    folder = folder_make();
+    scan = path_join(folder, "scan.exr");
+    material = path_join(folder, "material.exr");
+    checkpoint = path_join(folder, "run.checkpoint");
+    made_scan_write(scan);
+}
+
+void tearDown(void)
+{
+    folder_remove(folder);
+    free(scan);
+    free(material);
+    free(checkpoint);
+}
+
+#define RUN(around, ...)                                                                           \
+    spawn((const char *const[]){nacre, "factor", scan, "-o", material, __VA_ARGS__, NULL}, around)
+
+static void expect_status(const struct spawned *run, int status)
+{
+    TEST_ASSERT_EQUAL_INT_MESSAGE(status, run->status, run->errors);
+}
+
+static json_t *parse(const struct spawned *run)
+{
+    json_t *object = json_loads(run->output, 0, NULL);
+    TEST_ASSERT_NOT_NULL_MESSAGE(object, run->output);
+    return object;
+}
+
+static double number(const json_t *object, const char *key)
+{
+    const json_t *value = json_object_get(object, key);
+    TEST_ASSERT_TRUE_MESSAGE(json_is_number(value), key);
+    return json_number_value(value);
+}
+
+static void an_error_is_held_by_what_is_in_the_file(void)
+{
+    struct nacre_material read = {0};
+    struct nacre_error error = {""};
+    struct spawned run = RUN(NULL, "--error", "3%", "--json");
+    expect_status(&run, 0);
+    json_t *object = parse(&run);
+    TEST_ASSERT_TRUE(json_is_true(json_object_get(object, "error_held")));
+    TEST_ASSERT_EQUAL_STRING("error", json_string_value(json_object_get(object, "stopped_by")));
+    TEST_ASSERT_TRUE(json_array_size(json_object_get(object, "tried")) >= 1);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, nacre_material_read(material, &read, &error),
+                                  error.text);
+    TEST_ASSERT_TRUE(read.error_mean <= 0.03);
+    TEST_ASSERT_EQUAL_INT(read.terms, (int)number(object, "terms"));
+    TEST_ASSERT_EQUAL_INT(read.clusters, (int)number(object, "clusters"));
+    nacre_material_finish(&read);
+    json_decref(object);
+    spawned_finish(&run);
+}
+
+static void an_error_out_of_reach_is_a_failure_that_leaves_the_best(void)
+{
+    struct nacre_material read = {0};
+    struct nacre_error error = {""};
+    struct spawned run = RUN(NULL, "--error", "0", "--clusters", "2");
+    expect_status(&run, 1);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run.errors, "could not reach"), run.errors);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run.output, "tried"), run.output);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, nacre_material_read(material, &read, &error),
+                                  error.text);
+    TEST_ASSERT_EQUAL_INT(2, read.clusters);
+    nacre_material_finish(&read);
+    spawned_finish(&run);
+}
+
+static void too_little_time_leaves_no_file_and_says_what_is_needed(void)
+{
+    struct spawned run = RUN(NULL, "--within", "10ms");
+    expect_status(&run, 1);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run.errors, "or more"), run.errors);
+    TEST_ASSERT_EQUAL_INT(-1, access(material, F_OK));
+    spawned_finish(&run);
+}
+
+static void time_to_spare_ends_early(void)
+{
+    struct spawned run = RUN(NULL, "--within", "1h", "--json");
+    expect_status(&run, 0);
+    json_t *object = parse(&run);
+    TEST_ASSERT_TRUE(json_array_size(json_object_get(object, "tried")) >= 2);
+    TEST_ASSERT_TRUE(number(object, "seconds_iterating") < 3000);
+    json_decref(object);
+    spawned_finish(&run);
+}
+
+static void wishes_that_make_no_sense_are_refused(void)
+{
+    static const char *const wrong[][2] = {{"--error", "200%"},
+                                           {"--error", "-0.1"},
+                                           {"--within", "0"},
+                                           {"--within", "-3s"},
+                                           {"--within", "1 day"}};
+    for (size_t i = 0; i < sizeof wrong / sizeof *wrong; i++) {
+        struct spawned run = RUN(NULL, wrong[i][0], wrong[i][1]);
+        TEST_ASSERT_TRUE(run.status == 1 || run.status == 2);
+        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run.errors, wrong[i][0]), run.errors);
+        TEST_ASSERT_EQUAL_INT(-1, access(material, F_OK));
+        spawned_finish(&run);
+    }
+    struct spawned run = RUN(NULL, "--checkpoint", material);
+    expect_status(&run, 1);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run.errors, "both name"), run.errors);
+    spawned_finish(&run);
+}
+
+static void an_explanation_comes_before_the_result(void)
+{
+    static const char *const keys[] = {"device", "responses", "terms", "clusters",
+                                       "stops",  "method",    "tile",  "device memory",
+                                       "pace",   "tried",     "pilot", "normal equations"};
+    struct spawned run = RUN(NULL, "--explain", "-t", "3");
+    expect_status(&run, 0);
+    const char *result = strstr(run.output, "\nrelative error");
+    TEST_ASSERT_NOT_NULL(result);
+    for (size_t i = 0; i < sizeof keys / sizeof *keys; i++) {
+        const char *line = strstr(run.output, keys[i]);
+        TEST_ASSERT_TRUE_MESSAGE(line && line < result, keys[i]);
+    }
+    TEST_ASSERT_NOT_NULL(strstr(run.output, "3, as asked for"));
+    TEST_ASSERT_NOT_NULL(strstr(run.output, "5 (default)"));
+    spawned_finish(&run);
+    run = RUN(NULL, "--explain", "--json", "-t", "3");
+    expect_status(&run, 0);
+    json_t *object = parse(&run);
+    json_t *first = json_array_get(json_object_get(object, "explained"), 0);
+    TEST_ASSERT_EQUAL_STRING("device", json_string_value(json_object_get(first, "what")));
+    json_decref(object);
+    spawned_finish(&run);
+    run = RUN(NULL, "--json", "-t", "3");
+    object = parse(&run);
+    TEST_ASSERT_NULL(json_object_get(object, "explained"));
+    json_decref(object);
+    spawned_finish(&run);
+}
+
+/* Stopped as soon as there is a checkpoint, then run again: the same bytes as without the stop, and no checkpoint is
+ * left. */
+static void check_continues(const char *method, const char *const *options)
+{
+    const char *arguments[24] = {
+        nacre,      "factor", scan,           "-o",       material,
+        "--method", method,   "--checkpoint", checkpoint, "--checkpoint-every",
+        "0"};
+    const struct circumstances soon = {.interrupt_path = checkpoint};
+    size_t sizes[2] = {0};
+    for (int i = 0; options[i]; i++) {
+        arguments[11 + i] = options[i];
+    }
+    struct spawned stopped = spawn(arguments, &soon);
+    expect_status(&stopped, 130);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(stopped.errors, "stopped on request"), stopped.errors);
+    TEST_ASSERT_EQUAL_INT(0, access(checkpoint, F_OK));
+    arguments[10] = "1min"; /* the interval is free to change */
+    struct spawned again = spawn(arguments, NULL);
+    expect_status(&again, 0);
+    TEST_ASSERT_EQUAL_INT(-1, access(checkpoint, F_OK));
+    uint8_t *continued = file_read(material, &sizes[0]);
+    struct spawned whole = spawn(arguments, NULL);
+    expect_status(&whole, 0);
+    uint8_t *expected = file_read(material, &sizes[1]);
+    TEST_ASSERT_EQUAL_UINT64(sizes[1], sizes[0]);
+    TEST_ASSERT_EQUAL_MEMORY(expected, continued, sizes[0]);
+    free(continued);
+    free(expected);
+    spawned_finish(&stopped);
+    spawned_finish(&again);
+    spawned_finish(&whole);
+}
+
+static void a_stopped_factorization_continues_to_the_same_file(void)
+{
+    static const char *const steps[] = {"-t",   "3",           "-k", "2", "-i",
+                                        "2000", "--tolerance", "0",  NULL};
+    static const char *const search[] = {"--error", "0.3%", NULL};
+    TEST_ASSERT_EQUAL_INT(0, setenv("SOURCE_DATE_EPOCH", "1", 1));
+    check_continues("hals", steps);
+    check_continues("mu", steps);
+    check_continues("hals", search);
+    TEST_ASSERT_EQUAL_INT(0, unsetenv("SOURCE_DATE_EPOCH"));
+}
+
+static void a_checkpoint_of_other_options_or_damaged_is_refused(void)
+{
+    const struct circumstances soon = {.interrupt_path = checkpoint};
+    struct spawned run = RUN(&soon, "-t", "3", "-i", "100000", "--tolerance", "0", "--checkpoint",
+                             checkpoint, "--checkpoint-every", "0");
+    expect_status(&run, 130);
+    spawned_finish(&run);
+    (void)unlink(material); /* is there unless the signal came before the first iteration */
+    run = RUN(NULL, "-t", "4", "-i", "100000", "--tolerance", "0", "--checkpoint", checkpoint);
+    expect_status(&run, 1);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run.errors, "another run"), run.errors);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run.errors, "terms: 3"), run.errors);
+    spawned_finish(&run);
+    made_truncate(checkpoint, checkpoint, 0.5);
+    run = RUN(NULL, "-t", "3", "-i", "100000", "--tolerance", "0", "--checkpoint", checkpoint);
+    expect_status(&run, 1);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run.errors, "damaged"), run.errors);
+    TEST_ASSERT_EQUAL_INT(-1, access(material, F_OK));
+    spawned_finish(&run);
+}
+
+int main(int argc, char **argv)
+{
+    if (argc != 3) {
+        (void)fprintf(stderr, "usage: %s NACRE SOURCES\n", argv[0]);
+        return 2;
+    }
+    nacre = argv[1];
+    UNITY_BEGIN();
+    RUN_TEST(an_error_is_held_by_what_is_in_the_file);
+    RUN_TEST(an_error_out_of_reach_is_a_failure_that_leaves_the_best);
+    RUN_TEST(too_little_time_leaves_no_file_and_says_what_is_needed);
+    RUN_TEST(time_to_spare_ends_early);
+    RUN_TEST(wishes_that_make_no_sense_are_refused);
+    RUN_TEST(an_explanation_comes_before_the_result);
+    RUN_TEST(a_stopped_factorization_continues_to_the_same_file);
+    RUN_TEST(a_checkpoint_of_other_options_or_damaged_is_refused);
+    return UNITY_END();
+}
