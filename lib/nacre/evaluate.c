@@ -124,11 +124,18 @@ static void add_terms(const struct response *r, int v, int first, int end, float
             for (int u = first; u < end; u++) {
                 row[u] += f * h[u] * kernel(r, t, u, v);
             }
-            continue;
-        }
+        } else if (t + 1 < m->terms) { /* two at a time, in the same order */
+            float next = r->f[(size_t)++t * r->term + r->point];
+            const float *other = h + r->term;
 #pragma omp simd
-        for (int u = first; u < end; u++) {
-            row[u] += f * h[u];
+            for (int u = first; u < end; u++) {
+                row[u] = row[u] + f * h[u] + next * other[u];
+            }
+        } else {
+#pragma omp simd
+            for (int u = first; u < end; u++) {
+                row[u] += f * h[u];
+            }
         }
     }
 }
