@@ -234,6 +234,14 @@ void exr_stream_finish(struct exr_stream *stream)
     stream->open = false;
 }
 
+void exr_stream_settle(exr_encode_pipeline_t *encode)
+{
+    if (encode->compressed_bytes == encode->packed_bytes &&
+        encode->compressed_buffer != encode->packed_buffer) {
+        memcpy(encode->compressed_buffer, encode->packed_buffer, encode->packed_bytes);
+    }
+}
+
 uint64_t exr_stream_plausible(int64_t size, exr_compression_t compression)
 {
     uint64_t bytes = size > 0 ? (uint64_t)size : 0;

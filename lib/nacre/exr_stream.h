@@ -43,6 +43,10 @@ int exr_stream_close(struct exr_stream *stream, struct nacre_error *error);
 /* Close without regard to failures. NULL and zeroed are allowed. */
 void exr_stream_finish(struct exr_stream *stream);
 
+/* To be called on an encoded chunk before it is written. One that compresses to exactly its own size must be stored as it
+ * is, for that is what readers take it for; OpenEXR 3.1 leaves the compressed bytes (its issue 2306). */
+void exr_stream_settle(exr_encode_pipeline_t *encode);
+
 /* The most pixel data, in bytes, that a file of `size` bytes can hold with this compression; sizes
  * in a header beyond it are not worth allocating. */
 uint64_t exr_stream_plausible(int64_t size, exr_compression_t compression);

@@ -133,9 +133,16 @@ static int write_pixels(struct exr_stream *stream, int index, const struct exr_p
         if (!encoding) {
             encoding = true;
             result = exr_encoding_choose_default_routines(context, index, &encode);
+            encode.yield_until_ready_fn = NULL;
+            encode.write_fn = NULL;
         }
         if (result == EXR_ERR_SUCCESS) {
             result = exr_encoding_run(context, index, &encode);
+        }
+        if (result == EXR_ERR_SUCCESS) {
+            exr_stream_settle(&encode);
+            result = exr_write_scanline_chunk(context, index, y, encode.compressed_buffer,
+                                              encode.compressed_bytes);
         }
     }
     if (result != EXR_ERR_SUCCESS) {

@@ -178,7 +178,13 @@ static exr_result_t encode(struct nacre_scan_writer *writer, struct tile *tile)
         pipeline->yield_until_ready_fn = NULL;
         pipeline->write_fn = NULL;
     }
-    return result == EXR_ERR_SUCCESS ? exr_encoding_run(context, 0, pipeline) : result;
+    if (result == EXR_ERR_SUCCESS) {
+        result = exr_encoding_run(context, 0, pipeline);
+    }
+    if (result == EXR_ERR_SUCCESS) {
+        exr_stream_settle(pipeline);
+    }
+    return result;
 }
 
 /* Compress the tiles that wait on all cores, then write them one after the other. */

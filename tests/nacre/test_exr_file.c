@@ -134,6 +134,31 @@ static void compressed_pixels_come_back_bit_for_bit(void)
     expect_round_trip(EXR_ZIP);
 }
 
+/* Random bits behind a few zeros: over 400 chunks compress to about their own size, some to exactly that. */
+static void pixels_that_hardly_shrink_come_back(void)
+{
+    enum { COLUMNS = 49, ROWS = 16 * 400 };
+    struct nacre_error error = {0};
+    struct exr_file file = {0}, got = {0};
+    struct exr_part *part = exr_file_add_part(&file, "", COLUMNS, ROWS);
+    struct exr_plane *plane = exr_part_add_plane(part, "Y", NACRE_FLOAT);
+    uint32_t state = 7;
+    for (int i = 0; i < COLUMNS * ROWS; i++) {
+        int chunk = i / (16 * COLUMNS), place = i % (16 * COLUMNS);
+        plane->values[i] = place < chunk % 20 ? 0 : from_bits(next_random(&state) % 0x7f000000u);
+    }
+    TEST_ASSERT_EQUAL_MESSAGE(
+        NACRE_OK, exr_file_write(scratch_path("n.exr"), &file, EXR_ZIP, &error), error.text);
+    TEST_ASSERT_EQUAL_MESSAGE(NACRE_OK, exr_file_read(scratch_path("n.exr"), &got, &error),
+                              error.text);
+    for (int y = 0; y < ROWS; y += 16) {
+        expect_same_bits(plane->values + y * COLUMNS, got.parts[0].planes[0].values + y * COLUMNS,
+                         16 * COLUMNS);
+    }
+    exr_file_finish(&file);
+    exr_file_finish(&got);
+}
+
 static void attributes_come_back(void)
 {
     struct nacre_error error = {0};
@@ -402,6 +427,7 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(uncompressed_pixels_come_back_bit_for_bit);
     RUN_TEST(compressed_pixels_come_back_bit_for_bit);
+    RUN_TEST(pixels_that_hardly_shrink_come_back);
     RUN_TEST(attributes_come_back);
     RUN_TEST(half_rounds_to_the_nearest);
     RUN_TEST(long_names_come_back);
