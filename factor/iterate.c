@@ -28,6 +28,12 @@ static bool is_free(const struct conductor *c)
     return c->search.terms == 0 || c->search.clusters == 0;
 }
 
+/* No error is asked for: all of the time is there to lower it. */
+static bool fills_time(const struct conductor *c)
+{
+    return conductor_has_deadline(c) && !conductor_wants_error(c) && is_free(c);
+}
+
 static int iteration_limit(const struct conductor *c)
 {
     return c->options->iterations      ? c->options->iterations
@@ -89,8 +95,7 @@ static enum ending find_ending(const struct conductor *c)
     const struct attempt *a = &c->now;
     int done = attempt_iterations(a);
     /* While time is left and nothing else can be done with it, small gains count. */
-    bool fills_time = conductor_has_deadline(c) && !conductor_wants_error(c) && is_free(c);
-    double tolerance = c->options->tolerance * (fills_time ? 0.1 : 1);
+    double tolerance = c->options->tolerance * (fills_time(c) ? 0.1 : 1);
     if (conductor_wants_error(c) && done > 0 && a->probed_at == a->history.count &&
         a->error <= a->goal && a->verified < VERIFICATIONS) {
         return ENDING_ERROR;
@@ -107,7 +112,7 @@ static enum ending find_ending(const struct conductor *c)
     if (conductor_wants_error(c)) {
         return is_hopeless(c) ? ENDING_HOPELESS : ENDING_NONE;
     }
-    return fills_time && should_grow(c) ? ENDING_GROWTH : ENDING_NONE;
+    return fills_time(c) && should_grow(c) ? ENDING_GROWTH : ENDING_NONE;
 }
 
 /* How many iterations until the tolerance ends this, taking it that what one brings falls as 1 / iterations. */
@@ -126,34 +131,31 @@ static double iterations_to_tolerance(const struct conductor *c)
 static double seconds_left(const struct conductor *c)
 {
     const struct attempt *a = &c->now;
+    double left = c->options->seconds - conductor_seconds(c);
+    if (fills_time(c)) {
+        return left;
+    }
     double iterations =
         fmin(iteration_limit(c) - attempt_iterations(a), iterations_to_tolerance(c));
-    double left = iterations * a->step_seconds + a->closing_seconds;
-    return conductor_has_deadline(c) ? fmin(left, c->options->seconds - conductor_seconds(c))
-                                     : left;
+    double others = iterations * a->step_seconds + a->closing_seconds;
+    return conductor_has_deadline(c) ? fmin(left, others) : others;
 }
 
-/* Show how things stand, and notice Ctrl-C. */
+/* Show how things stand, the most telling first as terminals are narrow, and notice Ctrl-C. */
 static int show(struct conductor *c, struct nacre_error *error)
 {
     const struct attempt *a = &c->now;
-    char detail[128] = "";
-    int used = 0;
+    char mean[32] = "", objective[48] = "", detail[128];
     double elapsed = conductor_seconds(c);
-    if (is_free(c)) {
-        used = snprintf(detail, sizeof detail, "%d terms, %d clusters: ", a->problem.terms,
-                        a->problem.clusters);
+    if (a->probed_at >= 0) {
+        (void)snprintf(mean, sizeof mean, "error %.2f %%, ", 100 * a->error);
     }
     if (a->known > a->inherited) {
-        used +=
-            snprintf(detail + used, sizeof detail - (size_t)used, "objective %.4g", a->objective);
+        (void)snprintf(objective, sizeof objective, "objective %.4g, ", a->objective);
     }
-    if (a->probed_at >= 0) {
-        (void)snprintf(detail + used, sizeof detail - (size_t)used, ", error %.2f %%",
-                       100 * a->error);
-    }
-    return progress_step(c->progress, elapsed, elapsed + seconds_left(c), *detail ? detail : NULL,
-                         error);
+    (void)snprintf(detail, sizeof detail, "%s%s%d terms, %d clusters", mean, objective,
+                   a->problem.terms, a->problem.clusters);
+    return progress_step(c->progress, elapsed, elapsed + seconds_left(c), detail, error);
 }
 
 int conductor_probe(struct conductor *c, struct nacre_error *error)
