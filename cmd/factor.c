@@ -301,7 +301,8 @@ static void leave_out_times(struct nacre_material *m)
     if (getenv("SOURCE_DATE_EPOCH")) {
         free(m->history_objective);
         free(m->history_seconds);
-        m->history_objective = m->history_seconds = NULL;
+        free(m->history_error);
+        m->history_objective = m->history_seconds = m->history_error = NULL;
         m->history_count = 0;
     }
 }

@@ -202,7 +202,8 @@ static int complete(struct conductor *c, struct nacre_material *m, struct factor
     m->history_count = (size_t)a->history.count;
     m->history_objective = a->history.objective;
     m->history_seconds = a->history.seconds;
-    a->history.objective = a->history.seconds = NULL;
+    m->history_error = a->history.error;
+    a->history = (struct history){0};
     summary->objective = a->objective;
     summary->seconds_step = a->step_seconds;
     return NACRE_OK;

@@ -106,6 +106,7 @@ void nacre_material_finish(struct nacre_material *material)
     free(material->warnings);
     free(material->history_objective);
     free(material->history_seconds);
+    free(material->history_error);
     free(material->albedo);
     free(material->f);
     free(material->h);

@@ -50,6 +50,8 @@ struct nacre_material {
 
     size_t history_count; /* optional: objective and seconds after each iteration */
     float *history_objective, *history_seconds;
+    float *
+        history_error; /* optional beside them: mean relative error of a few points; NaN where not looked at */
     size_t warning_count; /* optional: what the data's user should know */
     char **warnings;
 };

@@ -32,6 +32,10 @@ int material_add_attributes(struct exr_part *part, const struct nacre_material *
                                       material->history_count);
         status |= exr_part_add_floats(part, "nacre.history.seconds", material->history_seconds,
                                       material->history_count);
+        if (material->history_error) {
+            status |= exr_part_add_floats(part, "nacre.history.error", material->history_error,
+                                          material->history_count);
+        }
     }
     if (material->warning_count > 0) {
         status |=
@@ -161,16 +165,23 @@ static int read_history(const struct exr_part *first, struct nacre_material *mat
     const struct exr_attribute *objective =
         exr_part_find(first, "nacre.history.objective", EXR_FLOATS);
     const struct exr_attribute *seconds = exr_part_find(first, "nacre.history.seconds", EXR_FLOATS);
+    const struct exr_attribute *errors = exr_part_find(first, "nacre.history.error", EXR_FLOATS);
     const struct exr_attribute *warnings = exr_part_find(first, "nacre.warnings", EXR_STRINGS);
     if ((objective ? objective->count : 0) != (seconds ? seconds->count : 0)) {
         return nacre_fail(error,
                           "nacre.history.objective and nacre.history.seconds differ in length");
     }
+    if (errors && errors->count != (objective ? objective->count : 0)) {
+        return nacre_fail(error,
+                          "nacre.history.objective and nacre.history.error differ in length");
+    }
     if (objective && objective->count > 0) {
         material->history_objective = copy_floats(objective);
         material->history_seconds = copy_floats(seconds);
+        material->history_error = errors ? copy_floats(errors) : NULL;
         material->history_count = objective->count;
-        if (!material->history_objective || !material->history_seconds) {
+        if (!material->history_objective || !material->history_seconds ||
+            (errors && !material->history_error)) {
             return nacre_fail_memory(error, "the history");
         }
     }

@@ -111,9 +111,11 @@ static void numbers_history_and_warnings_come_back(void)
     material.history_count = 3;
     material.history_objective = calloc(3, sizeof(float));
     material.history_seconds = calloc(3, sizeof(float));
+    material.history_error = calloc(3, sizeof(float));
     for (int i = 0; i < 3; i++) {
         material.history_objective[i] = 1.0f / (float)(i + 1);
         material.history_seconds[i] = 0.1f * (float)i;
+        material.history_error[i] = i == 1 ? NAN : 0.02f;
     }
     TEST_ASSERT_EQUAL_INT(NACRE_OK, nacre_material_warn(&material, "dim \"blue\" <1>", &error));
     TEST_ASSERT_EQUAL_INT(NACRE_OK, nacre_material_warn(&material, "", &error));
@@ -129,6 +131,10 @@ static void numbers_history_and_warnings_come_back(void)
     TEST_ASSERT_EQUAL_UINT64(3, back.history_count);
     expect_same(material.history_objective, back.history_objective, 3);
     expect_same(material.history_seconds, back.history_seconds, 3);
+    TEST_ASSERT_NOT_NULL(back.history_error);
+    TEST_ASSERT_EQUAL_FLOAT(0.02f, back.history_error[0]);
+    TEST_ASSERT_TRUE(isnan(back.history_error[1]));
+    TEST_ASSERT_EQUAL_FLOAT(0.02f, back.history_error[2]);
     TEST_ASSERT_EQUAL_UINT64(2, back.warning_count);
     TEST_ASSERT_EQUAL_STRING("dim \"blue\" <1>", back.warnings[0]);
     TEST_ASSERT_EQUAL_STRING("", back.warnings[1]);
@@ -360,6 +366,14 @@ static void with_long_method(struct exr_file *file)
     set_string(file, "nacre.method", "a method whose name is much longer than a method's name");
 }
 
+static void with_short_error_history(struct exr_file *file)
+{
+    static const float values[2] = {1, 2};
+    (void)exr_part_add_floats(&file->parts[0], "nacre.history.objective", values, 2);
+    (void)exr_part_add_floats(&file->parts[0], "nacre.history.seconds", values, 2);
+    (void)exr_part_add_floats(&file->parts[0], "nacre.history.error", values, 1);
+}
+
 static void with_short_history(struct exr_file *file)
 {
     static const float values[2] = {1, 2};
@@ -496,6 +510,7 @@ static void wrong_attributes_are_refused_by_name(void)
     expect_refusal(paper, with_hostile_clusters, "part kernel is 5 x 20 pixels; it must be 5 x");
     expect_refusal(paper, with_long_method, "nacre.method is longer than 31 characters");
     expect_refusal(paper, with_short_history, "differ in length");
+    expect_refusal(paper, with_short_error_history, "nacre.history.error differ in length");
 }
 
 static void wrong_parts_are_refused_by_name(void)
