@@ -136,16 +136,6 @@ static void add_boundaries(struct list *list)
         "diffusion keeps the mean direction only: some per cent within a mean free path");
 }
 
-static const char *shape_name(const struct sample_inclusion *inclusion)
-{
-    return inclusion->vein.line      ? "vein"
-           : inclusion->bands.line   ? "bands"
-           : inclusion->checker.line ? "checker"
-           : inclusion->cells.line   ? "cells"
-           : inclusion->clouds.line  ? "clouds"
-                                     : "layer";
-}
-
 static void add_inclusions(struct list *list, const struct transport_facts *facts)
 {
     const struct sample *sample = list->sample;
@@ -160,7 +150,8 @@ static void add_inclusions(struct list *list, const struct transport_facts *fact
     for (size_t i = 0; i < sample->inclusion_count; i++) {
         const struct sample_inclusion *inclusion = &sample->inclusions[i];
         char name[48];
-        (void)snprintf(name, sizeof name, "%s of %s", shape_name(inclusion), inclusion->material);
+        (void)snprintf(name, sizeof name, "%s of %s", sample_shape_name(inclusion),
+                       inclusion->material);
         add(list, name, true, inclusion->line, places * PLACE_SECONDS, "%s%s%s",
             "painted into the voxels by its share of each",
             inclusion->wander_mm > 0 ? ", wandering" : "",

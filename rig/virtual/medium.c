@@ -96,8 +96,9 @@ static int lay_out(const struct sample *sample, struct medium *medium, struct na
     return NACRE_OK;
 }
 
-/* Average the materials found in voxel (x, y, z). */
-static void fill_voxel(const struct sample *sample, struct medium *medium, int x, int y, int z)
+/* Average the materials found in voxel (x, y, z); `painted` notes the inclusions met. */
+static void fill_voxel(const struct sample *sample, struct medium *medium, int x, int y, int z,
+                       unsigned char *painted)
 {
     double scattering[MEDIUM_CHANNELS] = {0};
     double absorption[MEDIUM_CHANNELS] = {0};
@@ -113,8 +114,13 @@ static void fill_voxel(const struct sample *sample, struct medium *medium, int x
         double w = (layer + 0.5) / SAMPLES_DOWN;
         double place[3] = {(x + u) * medium->cell_mm - corner, (y + v) * medium->cell_mm - corner,
                            top + w * height};
-        const struct sample_material *material =
-            &sample->materials[sample_material_at(sample, place)];
+        size_t inclusion = sample_inclusion_at(sample, place);
+        const struct sample_material *material = &sample->materials[sample->base_index];
+        if (inclusion < sample->inclusion_count) {
+            material = &sample->materials[sample->inclusions[inclusion].material_index];
+#pragma omp atomic write
+            painted[inclusion] = 1;
+        }
         for (int c = 0; c < MEDIUM_CHANNELS; c++) {
             scattering[c] += share * material->scattering_per_mm[c] * (1 - material->anisotropy[c]);
             absorption[c] += share * material->absorption_per_mm[c];
@@ -129,11 +135,29 @@ static void fill_voxel(const struct sample *sample, struct medium *medium, int x
     medium->index[cell] = (float)index;
 }
 
+/* Every inclusion must be seen somewhere. */
+static int check_painted(const struct sample *sample, const unsigned char *painted,
+                         struct nacre_error *error)
+{
+    for (size_t i = 0; i < sample->inclusion_count; i++) {
+        if (!painted[i]) {
+            return nacre_fail(error,
+                              "line %d of the sample file: the %s of %s paints nothing: it lies "
+                              "outside the slab, under inclusions that follow, or is finer than a "
+                              "quarter of a voxel; move it, enlarge it or take it out",
+                              sample->inclusions[i].line, sample_shape_name(&sample->inclusions[i]),
+                              sample->materials[sample->inclusions[i].material_index].name);
+        }
+    }
+    return NACRE_OK;
+}
+
 int medium_new(const struct sample *sample, struct medium **medium, struct nacre_error *error)
 {
+    unsigned char *painted = calloc(sample->inclusion_count + 1, 1);
     struct medium *made = calloc(1, sizeof *made);
     int status = NACRE_OK;
-    if (!made) {
+    if (!made || !painted) {
         status = nacre_fail_memory(error, "the voxels");
         goto out;
     }
@@ -153,11 +177,13 @@ int medium_new(const struct sample *sample, struct medium **medium, struct nacre
     for (int y = 0; y < made->ny; y++) {
         for (int x = 0; x < made->nx; x++) {
             for (int z = 0; z < made->nz; z++) {
-                fill_voxel(sample, made, x, y, z);
+                fill_voxel(sample, made, x, y, z, painted);
             }
         }
     }
+    status = check_painted(sample, painted, error);
 out:
+    free(painted);
     if (status) {
         medium_free(made);
         made = NULL;

@@ -125,8 +125,9 @@ static int fill_voxels(struct montecarlo *montecarlo, const struct sample *sampl
     for (int y = 0; y < slab->ny; y++) {
         uint8_t *voxel = montecarlo->voxels + (size_t)y * (size_t)slab->nx * (size_t)slab->nz;
         for (int i = 0; i < slab->nx * slab->nz; i++) {
-            const double place[3] = {(i / slab->nz + 0.5) * cell - corner,
-                                     (y + 0.5) * cell - corner, (i % slab->nz + 0.5) * layer};
+            int x = i / slab->nz;
+            const double place[3] = {(x + 0.5) * cell - corner, (y + 0.5) * cell - corner,
+                                     (i % slab->nz + 0.5) * layer};
             *voxel++ = (uint8_t)sample_material_at(sample, place);
         }
     }
@@ -320,8 +321,11 @@ static int run_batch(struct montecarlo *montecarlo, const struct montecarlo_requ
                      struct tally *tally, int batch, size_t paths, struct nacre_error *error)
 {
     size_t most = MOST_PATHS / request->count > 0 ? MOST_PATHS / request->count : 1;
+    int status = NACRE_OK;
     double *means = calloc(tally->entries, sizeof *means);
-    int status = means ? NACRE_OK : nacre_fail_memory(error, "the responses");
+    if (!means) {
+        return nacre_fail_memory(error, "the responses");
+    }
     for (size_t done = 0; done < paths && !status;) {
         size_t now = paths - done < most ? paths - done : most;
         status = run(montecarlo, request, tally, (size_t)batch * paths + done, now, error);

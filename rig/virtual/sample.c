@@ -44,15 +44,24 @@ static int check_material(struct sample_material *material, const char *path,
     return NACRE_OK;
 }
 
+static int read_map(struct sample_map *map, const char *path, struct nacre_error *error)
+{
+    struct nacre_error cause = {0};
+    if (picture_read(map->image, &map->picture, &cause)) {
+        return nacre_fail(error, "%s:%d: %s", path, map->image_line, cause.text);
+    }
+    return NACRE_OK;
+}
+
 static int check_inclusion(struct sample *sample, struct sample_inclusion *inclusion,
                            const char *path, struct nacre_error *error)
 {
     int shapes = !!inclusion->vein.line + !!inclusion->bands.line + !!inclusion->checker.line +
-                 !!inclusion->cells.line + !!inclusion->clouds.line;
+                 !!inclusion->cells.line + !!inclusion->clouds.line + !!inclusion->map.line;
     if (shapes > 1 || (shapes == 0 && !inclusion->depth_line)) {
         return nacre_fail(error,
-                          "%s:%d: an inclusion has one shape of vein, bands, checker, cells "
-                          "and clouds, or is a layer with depth_mm",
+                          "%s:%d: an inclusion has one shape of vein, bands, checker, cells, "
+                          "clouds and map, or is a layer with depth_mm",
                           path, inclusion->line);
     }
     inclusion->material_index = find_material(sample, inclusion->material);
@@ -75,7 +84,7 @@ static int check_inclusion(struct sample *sample, struct sample_inclusion *inclu
                           "points or more",
                           path, inclusion->vein.points_line, inclusion->vein.point_count);
     }
-    return NACRE_OK;
+    return inclusion->map.line ? read_map(&inclusion->map, path, error) : NACRE_OK;
 }
 
 /* Voxels must resolve the shortest mean free path. */
@@ -145,7 +154,21 @@ int sample_read(const char *path, struct sample *sample, struct nacre_error *err
 
 void sample_finish(struct sample *sample)
 {
+    for (size_t i = 0; i < sample->inclusion_count; i++) {
+        picture_finish(&sample->inclusions[i].map.picture);
+    }
     settings_finish(&sample_schema, sample);
+}
+
+const char *sample_shape_name(const struct sample_inclusion *inclusion)
+{
+    return inclusion->vein.line      ? "vein"
+           : inclusion->bands.line   ? "bands"
+           : inclusion->checker.line ? "checker"
+           : inclusion->cells.line   ? "cells"
+           : inclusion->clouds.line  ? "clouds"
+           : inclusion->map.line     ? "map"
+                                     : "layer";
 }
 
 double sample_shortest_path_mm(const struct sample *sample)

@@ -2,6 +2,7 @@
 #ifndef RIG_VIRTUAL_SAMPLE_H
 #define RIG_VIRTUAL_SAMPLE_H
 
+#include "base/picture.h"
 #include "base/settings.h"
 #include "nacre/error.h"
 
@@ -59,6 +60,16 @@ struct sample_clouds {
     int line;
 };
 
+/* A picture as a map, seen from above; painted where it is bright. */
+struct sample_map {
+    char *image;
+    double origin_mm[2]; /* of the picture's upper left corner */
+    double size_mm[2];
+    double above; /* the mean of R, G and B, linear, that a painted place exceeds */
+    int line, image_line;
+    struct picture picture; /* set by sample_read */
+};
+
 /* A region painted with a material; without a shape it is a layer. */
 struct sample_inclusion {
     char *material;
@@ -72,6 +83,7 @@ struct sample_inclusion {
     struct sample_checker checker;
     struct sample_cells cells;
     struct sample_clouds clouds;
+    struct sample_map map;
     int line, material_line, depth_line, wander_line, lean_line;
     size_t material_index; /* set by sample_read */
 };
@@ -103,10 +115,17 @@ extern const struct settings_schema sample_schema;
 int sample_read(const char *path, struct sample *sample, struct nacre_error *error);
 void sample_finish(struct sample *sample);
 
+/* What the inclusion is, in the words of the file: "vein", "layer", ... */
+const char *sample_shape_name(const struct sample_inclusion *inclusion);
+
 /* The shortest reduced mean free path 1 / (absorption + (1 - g) scattering) of any material and channel, in mm. */
 double sample_shortest_path_mm(const struct sample *sample);
 
-/* The index of the material at a place: x and y from the sample's corner, z from its surface down, in mm. */
+/* The inclusion that paints a place: x and y from the sample's corner, z from its surface down, in mm. inclusion_count
+ * where none does. */
+size_t sample_inclusion_at(const struct sample *sample, const double place_mm[3]);
+
+/* The index of the material there. */
 size_t sample_material_at(const struct sample *sample, const double place_mm[3]);
 
 #endif

@@ -17,20 +17,19 @@ static uint64_t hash_place(int64_t x, int64_t y, int64_t z, int seed)
     return bits ^ (bits >> 31);
 }
 
-/* Uniform from 0 to 1, `which` of several for the same place. */
-static double random_at(int64_t x, int64_t y, int64_t z, int seed, int which)
+/* Uniform from 0 to 1, `which` of several for the place with that hash. */
+static double random_of(uint64_t place, int seed, int which)
 {
-    uint64_t bits = hash_place(x, y, z, seed);
-    bits = hash_place((int64_t)bits, which, 0, seed);
-    return (double)(bits >> 11) * 0x1p-53;
+    return (double)(hash_place((int64_t)place, which, 0, seed) >> 11) * 0x1p-53;
 }
 
-/* Value noise from -1 to 1 with features of size 1: random values on the lattice, blended by quintic steps. */
-static double noise(const double place[3], int seed, int which)
+/* Two fields of value noise from -1 to 1 with features of size 1, or one: random values on the lattice, blended by
+ * quintic steps. */
+static void noises(const double place[3], int seed, int which, int count, double *values)
 {
     int64_t corner[3];
     double blend[3];
-    double sum = 0;
+    double sums[2] = {0};
     for (int i = 0; i < 3; i++) {
         double below = floor(place[i]);
         double t = place[i] - below;
@@ -43,10 +42,14 @@ static double noise(const double place[3], int seed, int which)
         for (int j = 0; j < 3; j++) {
             weight *= at[j] ? blend[j] : 1 - blend[j];
         }
-        sum += weight *
-               random_at(corner[0] + at[0], corner[1] + at[1], corner[2] + at[2], seed, which);
+        uint64_t hash = hash_place(corner[0] + at[0], corner[1] + at[1], corner[2] + at[2], seed);
+        for (int j = 0; j < count; j++) {
+            sums[j] += weight * random_of(hash, seed, which + j);
+        }
     }
-    return 2 * sum - 1;
+    for (int j = 0; j < count; j++) {
+        values[j] = 2 * sums[j] - 1;
+    }
 }
 
 static bool in_vein(const struct sample_vein *vein, const double place[3])
@@ -79,29 +82,48 @@ static bool in_checker(const struct sample_checker *checker, const double place[
     return fmod(column + row, 2) == 0;
 }
 
+/* The two nearest of the scattered points so far. */
+struct nearest {
+    double first, second; /* distances */
+    uint64_t hash;        /* of the first one's lattice place */
+};
+
+/* Look at the point of lattice place (x, y), unless its square is farther away than what is known. */
+static void look_at_cell(const struct sample_cells *cells, const double place[3], int seed,
+                         int64_t x, int64_t y, struct nearest *nearest)
+{
+    double corner[2] = {(double)x * cells->size_mm - place[0],
+                        (double)y * cells->size_mm - place[1]};
+    double gap_x = fmax(fmax(corner[0], -corner[0] - cells->size_mm), 0);
+    double gap_y = fmax(fmax(corner[1], -corner[1] - cells->size_mm), 0);
+    if (gap_x * gap_x + gap_y * gap_y >= nearest->second * nearest->second) {
+        return;
+    }
+    uint64_t hash = hash_place(x, y, 0, seed);
+    double distance = hypot(corner[0] + random_of(hash, seed, 0) * cells->size_mm,
+                            corner[1] + random_of(hash, seed, 1) * cells->size_mm);
+    if (distance < nearest->first) {
+        nearest->second = nearest->first;
+        nearest->first = distance;
+        nearest->hash = hash;
+    } else if (distance < nearest->second) {
+        nearest->second = distance;
+    }
+}
+
 static bool in_cells(const struct sample_cells *cells, const double place[3], int seed)
 {
-    double nearest = INFINITY;
-    double second = INFINITY;
-    double chance = 1;
+    /* Near ones first, so that most of the far ones need no look. */
+    static const int order[5] = {0, -1, 1, -2, 2};
+    struct nearest nearest = {.first = INFINITY, .second = INFINITY};
     int64_t column = (int64_t)floor(place[0] / cells->size_mm);
     int64_t row = (int64_t)floor(place[1] / cells->size_mm);
-    for (int64_t y = row - 2; y <= row + 2; y++) {
-        for (int64_t x = column - 2; x <= column + 2; x++) {
-            double dx = ((double)x + random_at(x, y, 0, seed, 0)) * cells->size_mm - place[0];
-            double dy = ((double)y + random_at(x, y, 0, seed, 1)) * cells->size_mm - place[1];
-            double distance = hypot(dx, dy);
-            if (distance < nearest) {
-                second = nearest;
-                nearest = distance;
-                chance = random_at(x, y, 0, seed, 2);
-            } else if (distance < second) {
-                second = distance;
-            }
-        }
+    for (int i = 0; i < 25; i++) {
+        look_at_cell(cells, place, seed, column + order[i % 5], row + order[i / 5], &nearest);
     }
     /* Half the difference of the distances is how far the seam is, for seams met squarely. */
-    return cells->seam_mm > 0 ? second - nearest < cells->seam_mm : chance < cells->fraction;
+    return cells->seam_mm > 0 ? nearest.second - nearest.first < cells->seam_mm
+                              : random_of(nearest.hash, seed, 2) < cells->fraction;
 }
 
 static bool in_clouds(const struct sample_clouds *clouds, const double place[3], int seed)
@@ -112,7 +134,9 @@ static bool in_clouds(const struct sample_clouds *clouds, const double place[3],
     double height = 1;
     for (int i = 0; i < clouds->octaves; i++) {
         double at[3] = {place[0] / size, place[1] / size, place[2] / size};
-        sum += height * noise(at, seed, i);
+        double value;
+        noises(at, seed, i, 1, &value);
+        sum += height * value;
         variance += height * height;
         size *= 0.5;
         height *= 0.5;
@@ -121,6 +145,20 @@ static bool in_clouds(const struct sample_clouds *clouds, const double place[3],
      * variance, 1/3, the factor 0.7835 (1 - 2 int b (1 - b), b the quintic step) for each axis: 0.16. */
     double share = 1 / (1 + exp(1.702 * sum / (0.4 * sqrt(variance))));
     return share < clouds->fraction;
+}
+
+static bool in_map(const struct sample_map *map, const double place[3])
+{
+    const struct picture *picture = &map->picture;
+    double x = (place[0] - map->origin_mm[0]) / map->size_mm[0];
+    double y = (place[1] - map->origin_mm[1]) / map->size_mm[1];
+    if (!(x >= 0 && x < 1 && y >= 0 && y < 1) || !picture->rgb) {
+        return false;
+    }
+    size_t column = (size_t)(x * picture->width);
+    size_t row = (size_t)(y * picture->height);
+    const float *rgb = picture->rgb + 3 * (row * (size_t)picture->width + column);
+    return ((double)rgb[0] + (double)rgb[1] + (double)rgb[2]) / 3 > map->above;
 }
 
 /* The place before the inclusion leant and strayed. */
@@ -136,8 +174,10 @@ static void straighten(const struct sample_inclusion *inclusion, const double pl
     if (inclusion->wander_mm > 0) {
         double half = 0.5 * inclusion->wander_size_mm;
         double at[3] = {place_mm[0] / half, place_mm[1] / half, place_mm[2] / half};
+        double astray[2];
+        noises(at, inclusion->seed, 100, 2, astray);
         for (int i = 0; i < 2; i++) {
-            plain[i] += inclusion->wander_mm * noise(at, inclusion->seed, 100 + i);
+            plain[i] += inclusion->wander_mm * astray[i];
         }
     }
 }
@@ -164,15 +204,24 @@ static bool inside(const struct sample_inclusion *inclusion, const double place_
     if (inclusion->clouds.line) {
         return in_clouds(&inclusion->clouds, plain, inclusion->seed);
     }
+    if (inclusion->map.line) {
+        return in_map(&inclusion->map, plain);
+    }
     return true;
+}
+
+size_t sample_inclusion_at(const struct sample *sample, const double place_mm[3])
+{
+    for (size_t i = sample->inclusion_count; i-- > 0;) {
+        if (inside(&sample->inclusions[i], place_mm)) {
+            return i;
+        }
+    }
+    return sample->inclusion_count;
 }
 
 size_t sample_material_at(const struct sample *sample, const double place_mm[3])
 {
-    for (size_t i = sample->inclusion_count; i-- > 0;) {
-        if (inside(&sample->inclusions[i], place_mm)) {
-            return sample->inclusions[i].material_index;
-        }
-    }
-    return sample->base_index;
+    size_t i = sample_inclusion_at(sample, place_mm);
+    return i < sample->inclusion_count ? sample->inclusions[i].material_index : sample->base_index;
 }

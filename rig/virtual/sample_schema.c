@@ -194,6 +194,41 @@ static const struct settings_field clouds_fields[] = {
 static const struct settings_schema clouds_schema = {
     .what = "clouds", .size = sizeof(struct sample_clouds), .fields = clouds_fields};
 
+static const struct settings_field map_fields[] = {
+    {.key = "image",
+     .kind = SETTINGS_PATH,
+     .offset = OFFSET(sample_map, image),
+     .required = true,
+     .sentence = "a picture, .png or .exr",
+     .line_offset = OFFSET(sample_map, image_line)},
+    {.key = "origin_mm",
+     .kind = SETTINGS_REALS,
+     .offset = OFFSET(sample_map, origin_mm),
+     .count = 2,
+     .minimum = -1e6,
+     .maximum = 1e6,
+     .fallback = "[0, 0]",
+     .sentence = "where its upper left corner lies"},
+    {.key = "size_mm",
+     .kind = SETTINGS_REALS,
+     .offset = OFFSET(sample_map, size_mm),
+     .count = 2,
+     .minimum = 1e-3,
+     .maximum = 1e6,
+     .required = true,
+     .sentence = "its width and height on the sample"},
+    {.key = "above",
+     .kind = SETTINGS_REAL,
+     .offset = OFFSET(sample_map, above),
+     .minimum = 0,
+     .maximum = 1e6,
+     .fallback = "0.5",
+     .sentence = "the brightness, linear, above which a place is painted"},
+    {0}};
+
+static const struct settings_schema map_schema = {
+    .what = "map", .size = sizeof(struct sample_map), .fields = map_fields};
+
 static const struct settings_field inclusion_fields[] = {
     {.key = "material",
      .kind = SETTINGS_STRING,
@@ -269,6 +304,12 @@ static const struct settings_field inclusion_fields[] = {
      .schema = &clouds_schema,
      .sentence = "smooth noise",
      .line_offset = OFFSET(sample_inclusion, clouds.line)},
+    {.key = "map",
+     .kind = SETTINGS_STRUCT,
+     .offset = OFFSET(sample_inclusion, map),
+     .schema = &map_schema,
+     .sentence = "where a picture is bright",
+     .line_offset = OFFSET(sample_inclusion, map.line)},
     {0}};
 
 static const struct settings_schema inclusion_schema = {.what = "inclusion",

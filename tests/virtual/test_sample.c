@@ -401,6 +401,83 @@ static void missing_file_is_refused(void)
     TEST_ASSERT_NOT_NULL(strstr(error.text, "none.yaml"));
 }
 
+/* The stand-ins of Table 1: as many points, as large, and readable. */
+static void stand_ins_have_the_resolution_and_size_of_table_1(void)
+{
+    static const struct {
+        const char *name;
+        int width, height;
+        double width_cm, height_cm;
+    } rows[] = {{"candle", 212, 154, 19.8, 14.3},       {"marble-4x4", 277, 277, 12.6, 12.6},
+                {"marble-8x8", 222, 222, 25.1, 25.1},   {"onyx-lines", 229, 229, 15.2, 15.2},
+                {"crystal-onyx", 270, 260, 18.5, 17.6}, {"marble-close", 128, 128, 2.6, 2.6},
+                {"marble-dense", 213, 211, 13.0, 13.0}, {"marble-slight", 207, 207, 17.9, 17.9}};
+    for (size_t i = 0; i < sizeof rows / sizeof *rows; i++) {
+        char path[512];
+        (void)snprintf(path, sizeof path, SAMPLES "/table1/%s.yaml", rows[i].name);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, sample_read(path, &sample, &error), error.text);
+        TEST_ASSERT_EQUAL_INT(rows[i].width, sample.width);
+        TEST_ASSERT_EQUAL_INT(rows[i].height, sample.height);
+        /* Points are squares and the table's sides are rounded to a millimetre, some by more: 2 %. */
+        TEST_ASSERT_DOUBLE_WITHIN(0.02 * rows[i].width_cm, rows[i].width_cm,
+                                  sample.width * sample.pitch_mm / 10);
+        TEST_ASSERT_DOUBLE_WITHIN(0.02 * rows[i].height_cm, rows[i].height_cm,
+                                  sample.height * sample.pitch_mm / 10);
+        TEST_ASSERT_TRUE(sample.inclusion_count > 0);
+        double pitch = sample.pitch_mm;
+        sample_finish(&sample);
+        (void)snprintf(path, sizeof path, SAMPLES "/table1/%s-small.yaml", rows[i].name);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, sample_read(path, &sample, &error), error.text);
+        TEST_ASSERT_EQUAL_INT((rows[i].width + 2) / 4, sample.width);
+        TEST_ASSERT_EQUAL_DOUBLE(pitch, sample.pitch_mm);
+        sample_finish(&sample);
+    }
+}
+
+static void map_paints_where_its_picture_is_bright(void)
+{
+    struct picture picture = {0};
+    TEST_ASSERT_EQUAL_INT(0, picture_allocate(&picture, 2, 2, &error));
+    picture.rgb[3] = picture.rgb[4] = picture.rgb[5] = 0.9F; /* upper right */
+    TEST_ASSERT_EQUAL_INT(0, picture_write(scratch_path("map.exr"), &picture, NULL, &error));
+    picture_finish(&picture);
+    read_text(HEAD
+              "inclusions:\n"
+              "  - {material: ink, map: {image: map.exr, origin_mm: [1, 0.5], size_mm: [2, 1]}}\n");
+    TEST_ASSERT_EQUAL_INT(1, at(2.01, 0.51, 1));
+    TEST_ASSERT_EQUAL_INT(1, at(2.99, 0.99, 1));
+    TEST_ASSERT_EQUAL_INT(0, at(1.99, 0.51, 1));
+    TEST_ASSERT_EQUAL_INT(0, at(2.01, 1.01, 1));
+    TEST_ASSERT_EQUAL_INT(0, at(3.01, 0.51, 1));
+    TEST_ASSERT_EQUAL_INT(0, at(2.01, 0.49, 1));
+}
+
+static void map_without_its_picture_is_refused(void)
+{
+    refuse(HEAD "inclusions:\n"
+                "  - material: ink\n"
+                "    map: {image: none.png, size_mm: [2, 1]}\n",
+           "sample.yaml:11:", "none.png");
+}
+
+static void inclusion_that_paints_nothing_is_refused(void)
+{
+    static const char *const hidden[] = {
+        "  - {material: ink, depth_mm: [1, 2]}\n  - {material: wax, depth_mm: [0.5, 3]}\n",
+        "  - {material: ink, vein: {points_mm: [90, 0, 90, 9], width_mm: 1}}\n"};
+    for (int i = 0; i < 2; i++) {
+        char text[1024];
+        struct medium *medium = NULL;
+        (void)snprintf(text, sizeof text, HEAD "margin_points: 1\ninclusions:\n%s", hidden[i]);
+        read_text(text);
+        TEST_ASSERT_EQUAL_INT(NACRE_FAILED, medium_new(&sample, &medium, &error));
+        TEST_ASSERT_NULL(medium);
+        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "line 11"), error.text);
+        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "paints nothing"), error.text);
+        sample_finish(&sample);
+    }
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -434,5 +511,9 @@ int main(void)
     RUN_TEST(slab_thinner_than_a_mean_free_path_is_refused);
     RUN_TEST(unknown_key_is_refused_with_its_line);
     RUN_TEST(missing_file_is_refused);
+    RUN_TEST(stand_ins_have_the_resolution_and_size_of_table_1);
+    RUN_TEST(map_paints_where_its_picture_is_bright);
+    RUN_TEST(map_without_its_picture_is_refused);
+    RUN_TEST(inclusion_that_paints_nothing_is_refused);
     return UNITY_END();
 }
