@@ -208,6 +208,14 @@ static int scan(const char *path, const struct scan_settings *settings,
     if (status != NACRE_OK) {
         goto out;
     }
+    if (!station_is_virtual(&wanted.station)) {
+        status = nacre_fail(
+            error,
+            "%s: a scan needs camera, projector and trigger all real or all virtual, and "
+            "there is no driver yet for a real projector",
+            settings->station ? settings->station : path);
+        goto out;
+    }
     status = sequence_estimate(&wanted.station, &wanted.plan, settings->resume ? &wanted : NULL,
                                &needs, error);
     if (status != NACRE_OK) {

@@ -134,13 +134,13 @@ int camera_exposure_set_gain(struct camera_controls *controls, int64_t gain,
         if (gain < range.minimum || gain > range.maximum) {
             return nacre_fail(error,
                               "gain %" PRId64 " is outside its range %" PRId64 " to %" PRId64
-                              "; change camera.gain",
+                              "; change camera.v4l2.gain",
                               gain, range.minimum, range.maximum);
         }
         int number = controls->ops->set(controls, ids[i], gain);
         return number == 0 ? NACRE_OK : nacre_fail_errno(error, number, "the gain cannot be set");
     }
     return nacre_fail(
-        error, "there is no control for the gain; leave camera.gain out, or name the sensor's "
-               "sub-device as camera.subdevice");
+        error, "there is no control for the gain; leave camera.v4l2.gain out, or name the sensor's "
+               "sub-device as camera.v4l2.subdevice");
 }

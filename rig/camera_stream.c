@@ -111,10 +111,11 @@ static int fail_open(const char *device, int number, struct nacre_error *error)
     case ENOENT:
     case ENXIO:
     case ENODEV:
-        return nacre_fail(error,
-                          "camera %s: is not there; plug it in, or name another as camera.device "
-                          "in the station file",
-                          device);
+        return nacre_fail(
+            error,
+            "camera %s: is not there; plug it in, or name another as camera.v4l2.device "
+            "in the station file",
+            device);
     default:
         return nacre_fail_errno(error, number, "camera %s: cannot be opened", device);
     }
@@ -156,7 +157,7 @@ static int check_kind(struct camera_stream *stream, struct nacre_error *error)
     if (call(stream->file, VIDIOC_QUERYCAP, &found) != 0) {
         return nacre_fail(
             error,
-            "camera %s: is no V4L2 device; name another as camera.device in the station file",
+            "camera %s: is no V4L2 device; name another as camera.v4l2.device in the station file",
             stream->device);
     }
     uint32_t can =
@@ -242,13 +243,13 @@ static int set_format(struct camera_stream *stream, const struct camera_stream_s
     const struct v4l2_pix_format *got = &agreed.fmt.pix;
     if (got->pixelformat != stream->format->code || got->width != (uint32_t)settings->width ||
         got->height != (uint32_t)settings->height) {
-        return nacre_fail(error,
-                          "camera %s: makes frames of %u x %u pixels in format %s in place of %d x "
-                          "%d in %s; correct "
-                          "camera.frame_width and camera.frame_height in the station file",
-                          stream->device, got->width, got->height,
-                          camera_code_text(got->pixelformat).text, settings->width,
-                          settings->height, camera_code_text(stream->format->code).text);
+        return nacre_fail(
+            error,
+            "camera %s: makes frames of %u x %u pixels in format %s in place of %d x "
+            "%d in %s; correct "
+            "camera.v4l2.frame_width and camera.v4l2.frame_height in the station file",
+            stream->device, got->width, got->height, camera_code_text(got->pixelformat).text,
+            settings->width, settings->height, camera_code_text(stream->format->code).text);
     }
     stream->stride = planes ? agreed.fmt.pix_mp.plane_fmt[0].bytesperline : got->bytesperline;
     size_t row = camera_format_row_bytes(stream->format, settings->width);

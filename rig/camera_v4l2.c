@@ -39,8 +39,8 @@ static int set_up(struct v4l2_camera *camera, struct nacre_error *error)
                                       &camera->exposure, error);
     if (status == NACRE_OK && settings->mode != CAMERA_PULSE && camera->exposure.id == 0) {
         status = nacre_fail(error, "there is no control for the exposure; name the sensor's "
-                                   "sub-device as camera.subdevice, "
-                                   "or use camera.mode pulse");
+                                   "sub-device as camera.v4l2.subdevice, "
+                                   "or use camera.v4l2.mode pulse");
     }
     if (status == NACRE_OK && settings->gain >= 0) {
         status = camera_exposure_set_gain(controls, settings->gain, error);
@@ -274,7 +274,7 @@ static int check(const struct camera_v4l2_settings *settings, struct nacre_error
         return nacre_fail(error,
                           "camera %s: the rows of a rolling shutter do not all expose during the "
                           "trigger's pulse; use "
-                          "camera.mode edge or free, or a camera with a global shutter",
+                          "camera.v4l2.mode edge or free, or a camera with a global shutter",
                           settings->stream.device);
     }
     if (region->left < 0 || region->top < 0 ||
@@ -283,7 +283,7 @@ static int check(const struct camera_v4l2_settings *settings, struct nacre_error
         return nacre_fail(error,
                           "camera %s: the region of %d x %d pixels at (%d, %d) is not inside its "
                           "frames of %d x %d; "
-                          "correct camera.left, top, frame_width or frame_height",
+                          "correct camera.v4l2.left, top, frame_width or frame_height",
                           settings->stream.device, region->width, region->height, region->left,
                           region->top, settings->stream.width, settings->stream.height);
     }

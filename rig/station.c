@@ -1,12 +1,16 @@
 /* Reading station files. */
 #include "rig/station.h"
 
+#include "rig/station_check.h"
+
 #include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <unistd.h>
 
-static const char *const driver_names[] = {"virtual", NULL};
+static const char *const camera_drivers[] = {"virtual", "v4l2", NULL};
+static const char *const projector_drivers[] = {"virtual", NULL};
+static const char *const trigger_drivers[] = {"virtual", "usb", "gpio", "none", NULL};
 
 static const struct settings_field sample_fields[] = {
     {.key = "width",
@@ -40,7 +44,7 @@ static const struct settings_field camera_fields[] = {
      .kind = SETTINGS_CHOICE,
      .offset = offsetof(struct station_camera, driver),
      .required = true,
-     .words = driver_names,
+     .words = camera_drivers,
      .sentence = "what drives the camera"},
     {.key = "width",
      .kind = SETTINGS_INT,
@@ -84,6 +88,11 @@ static const struct settings_field camera_fields[] = {
      .offset = offsetof(struct station_camera, electrons),
      .maximum = 1e6,
      .sentence = "photo-electrons in one raw unit; without it there is no shot noise"},
+    {.key = "v4l2",
+     .kind = SETTINGS_STRUCT,
+     .offset = offsetof(struct station_camera, v4l2),
+     .schema = &v4l2_settings_schema,
+     .sentence = "what the driver v4l2 needs to know"},
     {0}};
 
 static const struct settings_schema camera_schema = {
@@ -94,7 +103,7 @@ static const struct settings_field projector_fields[] = {
      .kind = SETTINGS_CHOICE,
      .offset = offsetof(struct station_projector, driver),
      .required = true,
-     .words = driver_names,
+     .words = projector_drivers,
      .sentence = "what drives the projector"},
     {.key = "wheel_hz",
      .kind = SETTINGS_REAL,
@@ -113,8 +122,13 @@ static const struct settings_field trigger_fields[] = {
      .kind = SETTINGS_CHOICE,
      .offset = offsetof(struct station_trigger, driver),
      .required = true,
-     .words = driver_names,
+     .words = trigger_drivers,
      .sentence = "what triggers the camera"},
+    {.key = "gpio",
+     .kind = SETTINGS_STRUCT,
+     .offset = offsetof(struct station_trigger, gpio),
+     .schema = &gpio_settings_schema,
+     .sentence = "what the driver gpio needs to know"},
     {0}};
 
 static const struct settings_schema trigger_schema = {
@@ -192,24 +206,13 @@ out:
     return status;
 }
 
-/* What no single key can be refused for. */
-static int check(const char *path, const struct station *station, struct nacre_error *error)
-{
-    int full_scale = (1 << station->camera.bits) - 1;
-    if (station->camera.pedestal >= full_scale) {
-        return nacre_fail(error, "%s: camera.pedestal: %g leaves no range below saturation at %d",
-                          path, station->camera.pedestal, full_scale);
-    }
-    return NACRE_OK;
-}
-
 int station_read(const char *path, struct station *station, struct nacre_error *error)
 {
     int status = settings_read(path, &station_schema, station, error);
     if (status != NACRE_OK) {
         goto out;
     }
-    status = check(path, station, error);
+    status = station_check(path, station, error);
     if (status != NACRE_OK) {
         goto out;
     }
@@ -228,4 +231,11 @@ out:
 void station_finish(struct station *station)
 {
     settings_finish(&station_schema, station);
+}
+
+bool station_is_virtual(const struct station *station)
+{
+    return station->camera.driver == CAMERA_DRIVER_VIRTUAL &&
+           station->projector.driver == DRIVER_VIRTUAL &&
+           station->trigger.driver == TRIGGER_DRIVER_VIRTUAL;
 }

@@ -5,10 +5,20 @@
 #include "base/settings.h"
 #include "nacre/error.h"
 #include "rig/bayer.h"
+#include "rig/driver_settings.h"
 #include "rig/virtual/settings.h"
 
-/* Values of every `driver`: indices into the names of the station schema. */
-enum station_driver { DRIVER_VIRTUAL };
+#include <stdbool.h>
+
+/* Values of each `driver`: indices into the names of the station schema, of which the first is always virtual. */
+enum { DRIVER_VIRTUAL };
+enum camera_driver { CAMERA_DRIVER_VIRTUAL, CAMERA_DRIVER_V4L2 };
+enum trigger_driver {
+    TRIGGER_DRIVER_VIRTUAL,
+    TRIGGER_DRIVER_USB,
+    TRIGGER_DRIVER_GPIO,
+    TRIGGER_DRIVER_NONE
+};
 
 struct station_sample {
     int width, height; /* surface points = projector pixels of the sample's region */
@@ -16,22 +26,24 @@ struct station_sample {
 };
 
 struct station_camera {
-    int driver;        /* enum station_driver */
+    int driver;        /* enum camera_driver */
     int width, height; /* raw pixels kept of each frame */
     int bits;          /* a saturated pixel holds 2^bits - 1 */
     int bayer;         /* enum bayer */
     double pedestal;   /* raw value without light */
     double read_noise; /* standard deviation, raw units; 0: none */
     double electrons;  /* photo-electrons in one raw unit, for the shot noise; 0: no shot noise */
+    struct v4l2_settings v4l2; /* of the driver v4l2 */
 };
 
 struct station_projector {
-    int driver;      /* enum station_driver */
+    int driver;      /* DRIVER_VIRTUAL */
     double wheel_hz; /* turns of the colour wheel a second; exposures are whole turns */
 };
 
 struct station_trigger {
-    int driver; /* enum station_driver */
+    int driver;                /* enum trigger_driver */
+    struct gpio_settings gpio; /* of the driver gpio */
 };
 
 struct station {
@@ -49,5 +61,8 @@ extern const struct settings_schema station_schema;
 /* Read and check a station file; station_finish frees. Paths in it become absolute. */
 int station_read(const char *path, struct station *station, struct nacre_error *error);
 void station_finish(struct station *station);
+
+/* Whether everything is simulated. */
+bool station_is_virtual(const struct station *station);
 
 #endif

@@ -1,4 +1,5 @@
 /* Tests of station files. */
+#include "rig/camera_v4l2.h"
 #include "rig/station.h"
 
 #include "stage.h"
@@ -81,7 +82,11 @@ static void station_refuses_what_it_does_not_know(void)
     refuses("bits: 10", "bits: ten", "bits");
     refuses("bayer: GRBG", "bayer: RGBG", "bayer");
     refuses("  bits: 10\n", "", "bits");
-    refuses("driver: virtual\n  width", "driver: v4l2\n  width", "virtual");
+    refuses("driver: virtual\n  width", "driver: v4l\n  width", "v4l2");
+    refuses("trigger: {driver: virtual}", "trigger: {driver: gpio, gpio: {ouput: {line: a}}}",
+            "station.yaml:12:32: ");
+    refuses("trigger: {driver: virtual}", "trigger: {driver: gpio, gpio: {jitter_us: 0}}",
+            "station.yaml:12:43: ");
     refuses("pitch_mm: 0.5", "pitch_mm: 0", "pitch_mm");
     refuses("width: 6", "width: 6.5", "width");
     refuses("elevation_deg: 20", "elevation_deg: 95", "elevation_deg");
@@ -91,6 +96,97 @@ static void station_refuses_what_it_does_not_know(void)
 static void station_refuses_a_pedestal_at_saturation(void)
 {
     refuses("pedestal: 32", "pedestal: 1023", "no range below saturation at 1023");
+}
+
+static const char v4l2_camera[] =
+    "  driver: v4l2\n"
+    "  v4l2: {subdevice: /dev/v4l-subdev2, frame_width: 64, frame_height: 48, left: 3,\n"
+    "         top: 4, mode: free, shutter: rolling, gain: 12, stamp_delay_ms: 4.5}\n"
+    "  width";
+
+static void camera_of_v4l2_is_read(void)
+{
+    struct station station;
+    char *text = text_replace(stage_station, "  driver: virtual\n  width", v4l2_camera);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, read_text(text, &station), error.text);
+    const struct v4l2_settings *own = &station.camera.v4l2;
+    TEST_ASSERT_EQUAL_INT(CAMERA_DRIVER_V4L2, station.camera.driver);
+    TEST_ASSERT_FALSE(station_is_virtual(&station));
+    TEST_ASSERT_EQUAL_STRING("/dev/nacre/camera", own->device);
+    TEST_ASSERT_EQUAL_STRING("/dev/v4l-subdev2", own->subdevice);
+    TEST_ASSERT_EQUAL_INT(64, own->frame_width);
+    TEST_ASSERT_EQUAL_INT(3, own->left);
+    TEST_ASSERT_EQUAL_INT(CAMERA_FREE, own->mode);
+    TEST_ASSERT_EQUAL_INT(1, own->shutter);
+    TEST_ASSERT_EQUAL_INT(12, own->gain);
+    TEST_ASSERT_EQUAL_DOUBLE(4.5, own->stamp_delay_ms);
+    TEST_ASSERT_EQUAL_INT(3, own->settle_frames);
+    station_finish(&station);
+    free(text);
+}
+
+static void trigger_of_gpio_is_read(void)
+{
+    struct station station;
+    char *text = text_replace(
+        stage_station, "trigger: {driver: virtual}",
+        "trigger:\n  driver: gpio\n  gpio:\n    output: {line: shutter, active_low: true}\n"
+        "    index: {chip: gpiochip1, offset: 5}\n    index_delay_us: 250");
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, read_text(text, &station), error.text);
+    const struct gpio_settings *own = &station.trigger.gpio;
+    TEST_ASSERT_EQUAL_INT(TRIGGER_DRIVER_GPIO, station.trigger.driver);
+    TEST_ASSERT_EQUAL_STRING("shutter", own->output.line);
+    TEST_ASSERT_NULL(own->output.chip);
+    TEST_ASSERT_TRUE(own->output.active_low);
+    TEST_ASSERT_EQUAL_STRING("gpiochip1", own->index.chip);
+    TEST_ASSERT_EQUAL_INT(5, own->index.offset);
+    TEST_ASSERT_EQUAL_DOUBLE(250, own->index_delay_us);
+    TEST_ASSERT_EQUAL_DOUBLE(200, own->jitter_us);
+    station_finish(&station);
+    free(text);
+}
+
+/* In place of the camera of the stage, whose v4l2 then stands in line 4. */
+static void refuses_camera(const char *from, const char *to, const char *what)
+{
+    char *camera = text_replace(v4l2_camera, from, to);
+    refuses("  driver: virtual\n  width", camera, what);
+    free(camera);
+}
+
+static void cameras_that_cannot_be_are_refused_with_their_line(void)
+{
+    refuses_camera("mode: free", "mode: pulse",
+                   "station.yaml:4: camera.v4l2: the rows of a rolling shutter");
+    refuses_camera("left: 3", "left: 41",
+                   "station.yaml:4: camera.v4l2: 24 x 20 pixels from (41, 4) on do not lie in");
+    refuses_camera("frame_height: 48", "frame_height: 23", "do not lie in frames of 64 x 23");
+    refuses_camera("mode: free", "mode: none", "mode");
+    char *eleven = text_replace(stage_station, "bits: 10", "bits: 11");
+    char *text = text_replace(eleven, "  driver: virtual\n  width", v4l2_camera);
+    struct station station;
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, read_text(text, &station));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "V4L2 has no raw format of 11 bits"),
+                                 error.text);
+    free(text);
+    text = text_replace(stage_station, "  driver: virtual\n  width",
+                        "  driver: v4l2\n  v4l2: {mode: edge}\n  width");
+    char *untriggered = text_replace(text, "trigger: {driver: virtual}", "trigger: {driver: none}");
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, read_text(untriggered, &station));
+    TEST_ASSERT_NOT_NULL_MESSAGE(
+        strstr(error.text, ":4: camera.v4l2: in mode edge nothing exposes"), error.text);
+    free(untriggered);
+    free(text);
+    free(eleven);
+}
+
+static void triggers_without_a_line_are_refused(void)
+{
+    refuses("trigger: {driver: virtual}", "trigger: {driver: gpio, gpio: {index: {line: a}}}",
+            "station.yaml:12: trigger.gpio.output: names no line");
+    refuses("trigger: {driver: virtual}",
+            "trigger: {driver: gpio, gpio: {output: {line: a, offset: 3}}}",
+            "station.yaml:12: trigger.gpio.output: names its line twice");
 }
 
 static void station_refuses_a_missing_file(void)
@@ -130,6 +226,10 @@ int main(void)
     RUN_TEST(what_a_station_does_not_name_is_absent);
     RUN_TEST(station_refuses_what_it_does_not_know);
     RUN_TEST(station_refuses_a_pedestal_at_saturation);
+    RUN_TEST(camera_of_v4l2_is_read);
+    RUN_TEST(trigger_of_gpio_is_read);
+    RUN_TEST(cameras_that_cannot_be_are_refused_with_their_line);
+    RUN_TEST(triggers_without_a_line_are_refused);
     RUN_TEST(station_refuses_a_missing_file);
     RUN_TEST(relative_paths_are_taken_from_the_file_and_become_absolute);
     return UNITY_END();

@@ -1,0 +1,131 @@
+/* The tables of keys for single drivers. */
+#include "rig/driver_settings.h"
+
+#define OFFSET(type, member) offsetof(struct type, member)
+
+static const char *const modes[] = {"pulse", "edge", "free", NULL};
+static const char *const shutters[] = {"global", "rolling", NULL};
+
+static const struct settings_field v4l2_fields[] = {
+    {.key = "device",
+     .kind = SETTINGS_STRING,
+     .offset = OFFSET(v4l2_settings, device),
+     .fallback = "/dev/nacre/camera",
+     .sentence = "the camera's device node"},
+    {.key = "subdevice",
+     .kind = SETTINGS_STRING,
+     .offset = OFFSET(v4l2_settings, subdevice),
+     .sentence = "the device node of the camera's sensor, where exposure and gain are set there"},
+    {.key = "frame_width",
+     .kind = SETTINGS_INT,
+     .offset = OFFSET(v4l2_settings, frame_width),
+     .maximum = 32768,
+     .sentence = "pixels of the camera's whole frames, in x; without it what is kept is the whole"},
+    {.key = "frame_height",
+     .kind = SETTINGS_INT,
+     .offset = OFFSET(v4l2_settings, frame_height),
+     .maximum = 32768,
+     .sentence = "pixels of the camera's whole frames, in y"},
+    {.key = "left",
+     .kind = SETTINGS_INT,
+     .offset = OFFSET(v4l2_settings, left),
+     .maximum = 32768,
+     .sentence = "first pixel kept of each row"},
+    {.key = "top",
+     .kind = SETTINGS_INT,
+     .offset = OFFSET(v4l2_settings, top),
+     .maximum = 32768,
+     .sentence = "first row kept"},
+    {.key = "mode",
+     .kind = SETTINGS_CHOICE,
+     .offset = OFFSET(v4l2_settings, mode),
+     .words = modes,
+     .fallback = "pulse",
+     .sentence = "what exposes: the trigger's pulse while it lasts, the camera from the pulse's "
+                 "edge on, or the camera "
+                 "freely"},
+    {.key = "shutter",
+     .kind = SETTINGS_CHOICE,
+     .offset = OFFSET(v4l2_settings, shutter),
+     .words = shutters,
+     .fallback = "global",
+     .sentence = "whether all rows expose at the same time"},
+    {.key = "gain",
+     .kind = SETTINGS_INT,
+     .offset = OFFSET(v4l2_settings, gain),
+     .minimum = -1,
+     .maximum = 1e9,
+     .fallback = "-1",
+     .sentence = "in the driver's unit; -1 leaves it"},
+    {.key = "stamp_delay_ms",
+     .kind = SETTINGS_REAL,
+     .offset = OFFSET(v4l2_settings, stamp_delay_ms),
+     .minimum = -1000,
+     .maximum = 10000,
+     .sentence = "from the exposure's end until the driver stamps its frame"},
+    {.key = "settle_frames",
+     .kind = SETTINGS_INT,
+     .offset = OFFSET(v4l2_settings, settle_frames),
+     .maximum = 100,
+     .fallback = "3",
+     .sentence = "frames of a free camera that may have the exposure before, after it was changed"},
+    {0}};
+
+const struct settings_schema v4l2_settings_schema = {.what = "v4l2",
+                                                     .size = sizeof(struct v4l2_settings),
+                                                     .fields = v4l2_fields,
+                                                     .line_offset = OFFSET(v4l2_settings, line)};
+
+static const struct settings_field line_fields[] = {
+    {.key = "line",
+     .kind = SETTINGS_STRING,
+     .offset = OFFSET(gpio_line_settings, line),
+     .sentence = "the line by its name"},
+    {.key = "chip",
+     .kind = SETTINGS_STRING,
+     .offset = OFFSET(gpio_line_settings, chip),
+     .sentence = "the chip by its device node, its name or its label"},
+    {.key = "offset",
+     .kind = SETTINGS_INT,
+     .offset = OFFSET(gpio_line_settings, offset),
+     .maximum = 65535,
+     .sentence = "the line by its number in the chip, from 0"},
+    {.key = "active_low",
+     .kind = SETTINGS_BOOL,
+     .offset = OFFSET(gpio_line_settings, active_low),
+     .sentence = "whether the line is low while it is active"},
+    {0}};
+
+static const struct settings_schema line_schema = {
+    .what = "GPIO line", .size = sizeof(struct gpio_line_settings), .fields = line_fields};
+
+static const struct settings_field gpio_fields[] = {
+    {.key = "output",
+     .kind = SETTINGS_STRUCT,
+     .offset = OFFSET(gpio_settings, output),
+     .schema = &line_schema,
+     .sentence = "the line to the camera's trigger input"},
+    {.key = "index",
+     .kind = SETTINGS_STRUCT,
+     .offset = OFFSET(gpio_settings, index),
+     .schema = &line_schema,
+     .sentence = "the line from the colour wheel's index; without it pulses begin at once"},
+    {.key = "index_delay_us",
+     .kind = SETTINGS_REAL,
+     .offset = OFFSET(gpio_settings, index_delay_us),
+     .maximum = 1e6,
+     .fallback = "1000",
+     .sentence = "from the index until the pulse begins"},
+    {.key = "jitter_us",
+     .kind = SETTINGS_REAL,
+     .offset = OFFSET(gpio_settings, jitter_us),
+     .minimum = 1,
+     .maximum = 1e6,
+     .fallback = "200",
+     .sentence = "by which a pulse may be late, too long or too short before it is given again"},
+    {0}};
+
+const struct settings_schema gpio_settings_schema = {.what = "gpio",
+                                                     .size = sizeof(struct gpio_settings),
+                                                     .fields = gpio_fields,
+                                                     .line_offset = OFFSET(gpio_settings, line)};
