@@ -28,4 +28,5 @@ while IFS= read -r command; do
     echo "$? $command" >"$status"
 done </lab-job/commands
 echo o >/proc/sysrq-trigger
-sleep 60
+# Until the power is off, and no program can be loaded any more.
+sleep 60 2>/dev/null

@@ -88,13 +88,20 @@ char *text_replace(const char *text, const char *from, const char *to)
 
 char *formats_example(const char *name)
 {
+    return documentation_example("formats.md", name);
+}
+
+char *documentation_example(const char *document, const char *name)
+{
+    char path[512];
     char heading[64], line[512];
     char *text = NULL;
     size_t size = 0;
     enum { BEFORE, BELOW, INSIDE, BEHIND } where = BEFORE;
-    FILE *file = fopen(FORMATS_MD, "r");
+    (void)snprintf(path, sizeof path, "%s/%s", DOCS, document);
+    FILE *file = fopen(path, "r");
     FILE *block = open_memstream(&text, &size);
-    TEST_ASSERT_NOT_NULL_MESSAGE(file, FORMATS_MD);
+    TEST_ASSERT_NOT_NULL_MESSAGE(file, path);
     TEST_ASSERT_NOT_NULL(block);
     (void)snprintf(heading, sizeof heading, "## %s\n", name);
     while (fgets(line, sizeof line, file) && where != BEHIND) {

@@ -57,6 +57,19 @@ static void station_of_the_documentation_is_read(void)
     free(text);
 }
 
+static void real_station_of_the_documentation_is_read(void)
+{
+    struct station station;
+    char *text = documentation_example("station.md", "Station file");
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, read_text(text, &station), error.text);
+    TEST_ASSERT_EQUAL_INT(CAMERA_DRIVER_V4L2, station.camera.driver);
+    TEST_ASSERT_EQUAL_INT(620, station.camera.v4l2.left);
+    TEST_ASSERT_EQUAL_INT(TRIGGER_DRIVER_GPIO, station.trigger.driver);
+    TEST_ASSERT_EQUAL_STRING("wheel", station.trigger.gpio.index.line);
+    station_finish(&station);
+    free(text);
+}
+
 static void what_a_station_does_not_name_is_absent(void)
 {
     struct station station;
@@ -223,6 +236,7 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(station_of_the_documentation_is_read);
+    RUN_TEST(real_station_of_the_documentation_is_read);
     RUN_TEST(what_a_station_does_not_name_is_absent);
     RUN_TEST(station_refuses_what_it_does_not_know);
     RUN_TEST(station_refuses_a_pedestal_at_saturation);
