@@ -75,9 +75,9 @@ static void print_details(const struct race *r)
         return;
     }
     printf("  hals: %d pilot steps and %d steps to objective %.6g, goal %.6g; %.2f s, %.2f "
-           "processor s;",
-           r->pilot_steps, r->steps, r->reached, r->of->goal, r->descent.wall,
-           r->descent.processor);
+           "processor s (the first step, with the pilot, %.2f and %.2f);",
+           r->pilot_steps, r->steps, r->reached, r->of->goal, r->descent.wall, r->descent.processor,
+           r->first.wall, r->first.processor);
     for (int i = 0; i < r->profile.count; i++) {
         total += r->profile.kernels[i].seconds;
     }
