@@ -97,13 +97,26 @@ static void print_details(const struct race *r)
 
 static void print_head(void)
 {
-    printf("\nRatios: wall / processor time. Goal: the objective of %d updates. Share of sgemm by "
-           "processor time.\n\n",
+    printf("\nSeconds: wall / processor time over the compute units, which they would take on an "
+           "idle machine. Ratios: wall / processor time. Share of sgemm: by processor time. Goal: "
+           "the objective of %d updates.\n\n",
            CASE_UPDATES);
     printf("| size | K | T | clusters | method | s/iteration | share of sgemm | s to the goal | "
            "times sooner than our mu | than plain OpenMP C | than the pinned baseline | asked | "
            "Numba's time / 100 |\n");
     printf("| --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |\n");
+}
+
+/* Decimals that leave three digits. */
+static int decimals(double value)
+{
+    return value < 1 ? 3 : value < 10 ? 2 : value < 100 ? 1 : 0;
+}
+
+static void print_seconds(struct moment time, unsigned units)
+{
+    double idle = time.processor / units;
+    printf(" %.*f / %.*f |", decimals(time.wall), time.wall, decimals(idle), idle);
 }
 
 static void print_ratio(struct moment slow, struct moment fast)
@@ -123,12 +136,15 @@ static struct moment times(struct moment a, double factor)
     return (struct moment){a.wall * factor, a.processor * factor};
 }
 
-static void print_rows(const struct race *r)
+static void print_rows(const struct race *r, unsigned units)
 {
     struct moment mu = times(r->update, CASE_UPDATES), peer = times(r->peer, CASE_UPDATES);
     double share = r->flops / r->update.processor / race_sgemm(r).processor;
     print_start(r, "mu");
-    printf(" %.3f | %.0f %% | %.0f | |", r->update.wall, 100 * share, mu.wall);
+    print_seconds(r->update, units);
+    printf(" %.0f %% |", 100 * share);
+    print_seconds(mu, units);
+    printf(" |");
     print_ratio(peer, mu);
     print_ratio(race_pinned(r), mu);
     printf(" | |\n");
@@ -140,9 +156,11 @@ static void print_rows(const struct race *r)
         printf(" | | not reached | | | | %d | %.1f s |\n", asked_ratio(r->of), numba_goal(r->of));
         return;
     }
-    /* A step on all entries: the first has the pilot in it. */
-    printf(" %.2f | | %.2f |", (r->descent.wall - r->first.wall) / fmax(1, r->steps - 1),
-           r->descent.wall);
+    struct moment steps = {r->descent.wall - r->first.wall,
+                           r->descent.processor - r->first.processor};
+    print_seconds(times(steps, 1 / fmax(1, r->steps - 1)), units); /* the first has the pilot */
+    printf(" |");
+    print_seconds(r->descent, units);
     print_ratio(mu, r->descent);
     print_ratio(peer, r->descent);
     print_ratio(race_pinned(r), r->descent);
@@ -178,7 +196,7 @@ int main(int argc, char **argv)
     }
     print_head();
     for (int i = 0; i < count; i++) {
-        print_rows(&races[i]);
+        print_rows(&races[i], opencl.compute_units);
     }
     opencl_close(&opencl);
     return good ? EXIT_SUCCESS : EXIT_FAILURE;
