@@ -3,11 +3,25 @@
 #include "base/opencl.h"
 #include "cmd/json_print.h"
 #include "cmd/verbs.h"
+#include "factor/layout.h"
+#include "factor/tune_trial.h"
 #include "rig/trigger_usb.h"
 
 #include <jansson.h>
 #include <stdint.h>
 #include <stdlib.h>
+
+struct devices_settings {
+    bool tune;
+};
+
+static const struct option_spec devices_options[] = {
+    {.name = "tune",
+     .kind = OPTION_FLAG,
+     .offset = offsetof(struct devices_settings, tune),
+     .sentence = "time the tiles of factoring's kernels on the device that --device chooses, which "
+                 "takes some minutes, and remember which are best"},
+    {0}};
 
 /* What is told of one OpenCL device. */
 struct description {
@@ -161,11 +175,31 @@ static int print_json(const cl_device_id *devices, size_t count, const struct bo
     return json_print(root, error);
 }
 
+static int tune(const struct invocation *invocation, struct nacre_error *error)
+{
+    struct opencl opencl = {0};
+    struct progress progress = progress_begin("tuning", invocation->quiet);
+    const struct update_tile *tiles = NULL;
+    char *path = tune_path();
+    int status = opencl_open(invocation->device, &opencl, error);
+    if (status == NACRE_OK) {
+        (void)printf("%s; remembered in %s\n", opencl.name, path ? path : "nothing");
+        size_t count = update_tiles(layout_lanes(&opencl), &tiles);
+        status = tune_trial(&opencl, tiles, count, &progress, stdout, error);
+    }
+    progress_end(&progress);
+    opencl_close(&opencl);
+    free(path);
+    return status;
+}
+
 static int run(const void *settings, const struct invocation *invocation, struct nacre_error *error)
 {
+    if (((const struct devices_settings *)settings)->tune) {
+        return tune(invocation, error);
+    }
     size_t count = opencl_list(NULL, 0);
     cl_device_id *devices = calloc(count + 1, sizeof *devices);
-    (void)settings; /* it has no options of its own */
     if (!devices) {
         return nacre_fail_memory(error, "the list of devices");
     }
@@ -190,6 +224,13 @@ const struct verb verb_devices = {
     .summary = "list OpenCL devices and trigger boards",
     .text = "Prints the number, name, kind, compute units, memory and OpenCL version of every "
             "device that computing can run on; and of every trigger board its place on the USB "
-            "and the colour wheel that it is locked to, or why it cannot be used.",
+            "and the colour wheel that it is locked to, or why it cannot be used.\n\n"
+            "--tune measures instead which register tiles suit the multiplicative updates of "
+            "`nacre factor` on a device, with the responses as floats and as half floats. The "
+            "results are kept in tiles.tsv in $CACHE_DIRECTORY, else in the folder nacre of "
+            "$XDG_CACHE_HOME or of ~/.cache, and used from then on; without them, tiles that were "
+            "good elsewhere are.",
+    .options = devices_options,
+    .settings_size = sizeof(struct devices_settings),
     .run = run,
 };

@@ -2,7 +2,9 @@
 #include "factor/update.h"
 
 #include "factor/layout.h"
+#include "factor/tune.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -42,14 +44,25 @@ static int planes_of(int terms, int group)
     return (terms + group - 1) / group * group;
 }
 
-struct update_tile update_tile_choose(int lanes, int terms)
+/* Registers hold rows x group x 2 sums: 32 registers with 16 lanes, else 16. The first DEFAULTS of each are best where
+ * they were measured. */
+static const struct update_tile wide[] = {{2, 4, 6}, {2, 4, 5}, {3, 4, 4}, {2, 4, 4},
+                                          {2, 7, 6}, {2, 5, 6}, {3, 3, 4}, {1, 8, 8}};
+static const struct update_tile narrow[] = {{2, 4, 2}, {2, 4, 3}, {4, 2, 1}, {2, 3, 2},
+                                            {2, 6, 2}, {1, 4, 4}, {3, 3, 2}, {2, 8, 2}};
+enum { TILES = sizeof wide / sizeof *wide, WIDE_DEFAULTS = 4, NARROW_DEFAULTS = 3 };
+
+size_t update_tiles(int lanes, const struct update_tile **tiles)
 {
-    /* Registers hold rows x group x 2 sums: 32 registers with 16 lanes, else 16. Among the groups that fit, that
-     * which pads the terms least; of equals the first. */
-    static const struct update_tile wide[] = {{2, 4, 6}, {2, 4, 5}, {3, 4, 4}, {2, 4, 4}};
-    static const struct update_tile narrow[] = {{2, 4, 2}, {2, 4, 3}, {4, 2, 1}};
+    *tiles = lanes >= 16 ? wide : narrow;
+    return TILES;
+}
+
+struct update_tile update_tile_default(int lanes, int terms)
+{
+    /* That which pads the terms least; of equals the first. */
     const struct update_tile *tiles = lanes >= 16 ? wide : narrow;
-    int count = lanes >= 16 ? 4 : 3, best = 0, best_planes = 0;
+    int count = lanes >= 16 ? WIDE_DEFAULTS : NARROW_DEFAULTS, best = 0, best_planes = 0;
     for (int i = 0; i < count; i++) {
         int planes = planes_of(terms, tiles[i].group);
         if (i == 0 || planes < best_planes) {
@@ -58,6 +71,30 @@ struct update_tile update_tile_choose(int lanes, int terms)
         }
     }
     return tiles[best];
+}
+
+struct update_tile update_tile_choose(const struct opencl *opencl, const struct problem *problem)
+{
+    const struct responses *r = problem->responses;
+    struct tune_class class = {
+        .method = "mu", .lanes = r->lanes, .clustered = problem->clusters > 1, .half = r->half};
+    struct tune_result results[TUNE_TILES];
+    struct update_tile best = update_tile_default(r->lanes, problem->terms);
+    size_t count = tune_recall(opencl, class, results);
+    const struct update_tile standard = best;
+    double least = INFINITY;
+    for (size_t i = 0; i < count; i++) {
+        const int *tile = results[i].tile;
+        double seconds = results[i].seconds * planes_of(problem->terms, tile[2]);
+        bool is_standard =
+            tile[0] == standard.rows && tile[1] == standard.steps && tile[2] == standard.group;
+        /* Less than what timings differ by is no reason to leave the default. */
+        if (seconds * (is_standard ? 1 - TUNE_MARGIN : 1) < least) {
+            least = seconds * (is_standard ? 1 - TUNE_MARGIN : 1);
+            best = (struct update_tile){tile[0], tile[1], tile[2]};
+        }
+    }
+    return best;
 }
 
 static void set_rule(struct update *u, const struct problem *p)
@@ -245,10 +282,12 @@ static void explain(const struct method *method, const struct listener *to)
     const struct update *u = (const struct update *)method;
     const struct problem *p = u->layout.problem;
     tell(to, "method", "mu: the paper's multiplicative updates, F once and H once an iteration");
-    tell(to, "tile",
-         "%d rows x %d steps x %d terms at a time, %d lanes: of the tiles that fit the registers "
-         "that which pads %d terms least",
-         u->tile.rows, u->tile.steps, u->tile.group, p->responses->lanes, p->terms);
+    tell(
+        to, "tile",
+        "%d rows x %d steps x %d terms at a time, %d lanes: what a trial on this device found "
+        "(nacre devices --tune), else of the tiles that fit the registers that which pads %d terms "
+        "least",
+        u->tile.rows, u->tile.steps, u->tile.group, p->responses->lanes, p->terms);
     tell(to, "regularisation",
          p->regularise > 0 ? "updates are raised to the power 1 + %g" : "none (%g)", p->regularise);
     tell(to, "device memory", "%.1f MiB of factors, %.1f MiB of scratch, beside the responses",
@@ -340,7 +379,7 @@ int update_new(const struct opencl *opencl, const struct problem *problem,
         return nacre_fail_memory(error, "the updates");
     }
     u->method.ops = &update_ops;
-    u->tile = tile ? *tile : update_tile_choose(problem->responses->lanes, problem->terms);
+    u->tile = tile ? *tile : update_tile_choose(opencl, problem);
     set_rule(u, problem);
     status = layout_begin(&u->layout, opencl, problem, planes_of(problem->terms, u->tile.group),
                           u->tile.rows, error);

@@ -13,8 +13,14 @@ struct update_tile {
     int rows, steps, group;
 };
 
-/* The tile that suits so many lanes and terms. */
-struct update_tile update_tile_choose(int lanes, int terms);
+/* The tiles to choose from: those that fit the registers of so many lanes. Returns how many, at most TUNE_TILES. */
+size_t update_tiles(int lanes, const struct update_tile **tiles);
+
+/* The tile that suits so many lanes and terms on the devices that were measured. */
+struct update_tile update_tile_default(int lanes, int terms);
+
+/* The tile for a problem: what a trial on this device found (tune.h), else the default. */
+struct update_tile update_tile_choose(const struct opencl *opencl, const struct problem *problem);
 
 /* Compile the kernels, place the problem on the device and start from random factors. `tile` may be NULL: chosen. The
  * method keeps `opencl`, which must outlive it. */
