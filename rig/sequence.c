@@ -154,6 +154,8 @@ static int expose_once(struct run *run, struct exposure *exposure, struct nacre_
         run->sequence_known = false; /* nobody knows how many were lost */
         return status;
     }
+    exposure->pulse_ns = trigger->pulse.width_ns;
+    exposure->pulse_doubt_ns = trigger->pulse.doubt_ns;
     exposure->frame_ns = frame.frame_ns;
     exposure->sequence = frame.sequence;
     status = match(run, exposure, error);

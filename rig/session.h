@@ -29,6 +29,7 @@ struct exposure {
     int64_t exposure_ns;
     int64_t flip_ns, trigger_ns,
         frame_ns; /* pattern on the glass, trigger's edge, exposure's beginning */
+    int64_t pulse_ns, pulse_doubt_ns; /* the trigger's pulse as it measured it; 0: it did not */
     uint32_t sequence;
     uint16_t *raw; /* [height][width] */
 };

@@ -39,6 +39,11 @@ static int add_exposure_attributes(struct exr_part *part, const struct pattern_f
             return NACRE_FAILED;
         }
     }
+    if (exposure->pulse_ns > 0 &&
+        (add_long(part, "nacre.pulse_ns", exposure->pulse_ns) != NACRE_OK ||
+         add_long(part, "nacre.pulse_doubt_ns", exposure->pulse_doubt_ns) != NACRE_OK)) {
+        return NACRE_FAILED;
+    }
     if (exr_part_add_string(part, "nacre.bayer", bayer_names[frames->bayer]) != NACRE_OK) {
         return NACRE_FAILED;
     }
@@ -193,6 +198,11 @@ static int read_times(const struct exr_part *part, struct exposure *exposure,
         return nacre_fail(error, "part %s: nacre.sequence is no frame number", part->name);
     }
     exposure->sequence = (uint32_t)sequence;
+    if (exr_part_find(part, "nacre.pulse_ns", EXR_STRING) &&
+        (read_long(part, "nacre.pulse_ns", &exposure->pulse_ns, error) != NACRE_OK ||
+         read_long(part, "nacre.pulse_doubt_ns", &exposure->pulse_doubt_ns, error) != NACRE_OK)) {
+        return NACRE_FAILED;
+    }
     return NACRE_OK;
 }
 

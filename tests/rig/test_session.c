@@ -47,12 +47,15 @@ static struct pattern_frames make_frames(struct pattern pattern)
     TEST_ASSERT_NOT_NULL(frames.exposures);
     for (size_t k = 0; k < 2; k++) {
         struct exposure *exposure = &frames.exposures[k];
-        *exposure = (struct exposure){.exposure_ns = session_exposure_ns(&session, k),
-                                      .flip_ns = 10800000000001 + (int64_t)k,
-                                      .trigger_ns = 10800000000101 + (int64_t)k,
-                                      .frame_ns = 10800000000201 + (int64_t)k,
-                                      .sequence = 4000000000u + (uint32_t)k,
-                                      .raw = calloc(PIXELS, sizeof(uint16_t))};
+        *exposure =
+            (struct exposure){.exposure_ns = session_exposure_ns(&session, k),
+                              .flip_ns = 10800000000001 + (int64_t)k,
+                              .trigger_ns = 10800000000101 + (int64_t)k,
+                              .frame_ns = 10800000000201 + (int64_t)k,
+                              .pulse_ns = k == 0 ? 0 : 33333349, /* one that was not measured */
+                              .pulse_doubt_ns = k == 0 ? 0 : 1700,
+                              .sequence = 4000000000u + (uint32_t)k,
+                              .raw = calloc(PIXELS, sizeof(uint16_t))};
         TEST_ASSERT_NOT_NULL(exposure->raw);
         for (int i = 0; i < PIXELS; i++) {
             exposure->raw[i] = (uint16_t)((i * 37 + (int)k * 500 + pattern.number) % 1024);
@@ -99,6 +102,8 @@ static void frames_come_back_as_they_were_written(void)
         TEST_ASSERT_EQUAL_INT64(a->flip_ns, b->flip_ns);
         TEST_ASSERT_EQUAL_INT64(a->trigger_ns, b->trigger_ns);
         TEST_ASSERT_EQUAL_INT64(a->frame_ns, b->frame_ns);
+        TEST_ASSERT_EQUAL_INT64(a->pulse_ns, b->pulse_ns);
+        TEST_ASSERT_EQUAL_INT64(a->pulse_doubt_ns, b->pulse_doubt_ns);
         TEST_ASSERT_EQUAL_UINT32(a->sequence, b->sequence);
         TEST_ASSERT_EQUAL_UINT16_ARRAY(a->raw, b->raw, PIXELS);
     }
