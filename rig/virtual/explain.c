@@ -6,7 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-enum { FIXED_EFFECTS = 10 };
+enum { FIXED_EFFECTS = 10 + SOLVERS };
 
 /* Measured on one 2 to 3 GHz core: a voxel for 8 responses, and finding the material of one place. */
 static const double VOXEL_SECONDS = 300e-9;
@@ -34,13 +34,14 @@ __attribute__((format(printf, 6, 7))) static void add(struct list *list, const c
     effect->seconds = seconds;
 }
 
-static double solve_seconds(const struct transport_facts *facts, int window)
+double explain_diffusion_seconds(const struct transport *transport, int window)
 {
-    double batches = 2 * ceil(facts->width / 4.0) * ceil(facts->height / 4.0);
+    struct transport_facts facts = transport_facts(transport);
+    double batches = 2 * ceil(facts.width / 4.0) * ceil(facts.height / 4.0);
     double voxels = 0;
     for (int c = 0; c < 3; c++) {
-        double side = (window + 2.0 * facts->reach_points[c] + 4) * facts->subdivide;
-        voxels += fmin(side, facts->voxels[0]) * fmin(side, facts->voxels[1]) * facts->voxels[2];
+        double side = (window + 2.0 * transport_reach(transport, window, c) + 4) * facts.subdivide;
+        voxels += fmin(side, facts.voxels[0]) * fmin(side, facts.voxels[1]) * facts.voxels[2];
     }
     return batches * voxels * VOXEL_SECONDS;
 }
@@ -84,37 +85,65 @@ static int first_line(int a, int b)
     return a ? a : b;
 }
 
-static void add_media(struct list *list, const struct transport_facts *facts, int window)
+/* The solvers: the chosen one with what calls for it, the others with what speaks against them. */
+static void add_solvers(struct list *list, const struct transport_facts *facts,
+                        const struct solver_choice *choice)
 {
     const struct sample_material *found = find(list->sample, scatters);
-    if (found) {
-        add(list, "multiple scattering", true,
-            first_line(found->scattering_line, found->albedo_line), solve_seconds(facts, window),
-            "diffusion on %d x %d x %d voxels of %.3g mm, %.3g to %.3g mm high", facts->voxels[0],
-            facts->voxels[1], facts->voxels[2], facts->cell_mm, facts->first_mm, facts->last_mm);
-    } else {
+    int line = found ? first_line(found->scattering_line, found->albedo_line) : 0;
+    if (!found) {
         add(list, "multiple scattering", false, 0, 0, "no material scatters: all responses are 0");
+        return;
     }
+    add(list, "multiple scattering", true, line, 0, "by %s, error of a response about %.2g",
+        solver_name(choice->solver), choice->options[choice->solver].error);
+    for (int i = 0; i < SOLVERS; i++) {
+        const struct solver_option *option = &choice->options[i];
+        bool chosen = choice->solver == (enum solver)i;
+        if (!chosen) {
+            add(list, solver_name((enum solver)i), false, 0, option->seconds, "%s", option->reason);
+        } else if (i == SOLVER_DIFFUSION) {
+            add(list, solver_name(SOLVER_DIFFUSION), true, line, option->seconds,
+                "%d x %d x %d voxels of %.3g mm, %.3g to %.3g mm high", facts->voxels[0],
+                facts->voxels[1], facts->voxels[2], facts->cell_mm, facts->first_mm,
+                facts->last_mm);
+        } else if (i == SOLVER_MONTECARLO) {
+            add(list, solver_name(SOLVER_MONTECARLO), true, line, option->seconds,
+                "%llu paths a point and channel", (unsigned long long)choice->paths);
+        } else {
+            add(list, solver_name(SOLVER_CLOSED), true, line, option->seconds,
+                "the slab is homogeneous and its sides are far");
+        }
+    }
+}
+
+static void add_media(struct list *list, enum solver solver)
+{
+    const struct sample_material *found;
     found = find(list->sample, absorbs);
     add(list, "absorption", found,
         found ? first_line(found->absorption_line, found->albedo_line) : 0, 0, "%s",
         found ? "in the same equations" : "no material absorbs");
     found = find(list->sample, is_directed);
     if (found) {
-        add(list, "directed scattering", true, found->anisotropy_line, 0,
-            "only as reduced scattering (1 - g) sigma_s; the shape of the phase function is not");
+        add(list, "directed scattering", true, found->anisotropy_line, 0, "%s",
+            solver == SOLVER_MONTECARLO ? "by the phase function of Henyey and Greenstein"
+                                        : "only as reduced scattering (1 - g) sigma_s; the shape "
+                                          "of the phase function is not");
     } else {
         add(list, "directed scattering", false, 0, 0, "every material scatters evenly (g = 0)");
     }
 }
 
-static void add_boundaries(struct list *list)
+static void add_boundaries(struct list *list, enum solver solver)
 {
     const struct sample *sample = list->sample;
     const struct sample_material *found = find(sample, refracts);
     if (found) {
         add(list, "reflection inside the surface", true, found->index_line, 0,
-            "in the boundary condition, from the Fresnel formulas for index %.3g", found->index);
+            "%s, from the Fresnel formulas for index %.3g",
+            solver == SOLVER_MONTECARLO ? "path by path" : "in the boundary condition",
+            found->index);
     } else {
         add(list, "reflection inside the surface", false, 0, 0, "every index is 1");
     }
@@ -124,16 +153,20 @@ static void add_boundaries(struct list *list)
     }
     add(list, "refraction between materials", false, differ && found ? found->index_line : 0, 0,
         "%s",
-        differ ? "the diffusion solver has none; the indices count at the slab's outside alone"
+        differ ? "no solver has it; the indices count at the slab's outside alone"
                : "all materials have the same index");
     add(list, "light lost through the bottom", true, sample->thickness_line, 0,
         "the slab is %.4g mm thick and open below", sample->thickness_mm);
-    add(list, "light lost through the sides", true, sample->margin_line, 0,
-        "the slab ends %d points beyond the sample", sample->margin_points);
+    add(list, "light lost through the sides", solver != SOLVER_CLOSED, sample->margin_line, 0,
+        solver != SOLVER_CLOSED ? "the slab ends %d points beyond the sample"
+                                : "the slab ends %d points beyond the sample, too far to matter",
+        sample->margin_points);
     add(list, "reflection off the surface", false, 0, 0,
         "a scan holds what passed through the sample; the local component is apart");
-    add(list, "direction of light near the surface", false, 0, 0,
-        "diffusion keeps the mean direction only: some per cent within a mean free path");
+    add(list, "direction of light near the surface", solver == SOLVER_MONTECARLO, 0, 0, "%s",
+        solver == SOLVER_MONTECARLO
+            ? "every path has its own"
+            : "diffusion keeps the mean direction only: some per cent within a mean free path");
 }
 
 static void add_inclusions(struct list *list, const struct transport_facts *facts)
@@ -159,20 +192,19 @@ static void add_inclusions(struct list *list, const struct transport_facts *fact
     }
 }
 
-int explain_effects(const struct sample *sample, const struct transport *transport, int window,
-                    struct effect **effects, size_t *count, struct nacre_error *error)
+int explain_effects(const struct sample *sample, const struct transport *transport,
+                    const struct solver_choice *choice, struct effect **effects, size_t *count,
+                    struct nacre_error *error)
 {
     struct list list = {.sample = sample};
     struct transport_facts facts = transport_facts(transport);
-    for (int c = 0; c < 3; c++) {
-        facts.reach_points[c] = transport_reach(transport, window, c);
-    }
     list.effects = calloc(FIXED_EFFECTS + sample->inclusion_count, sizeof *list.effects);
     if (!list.effects) {
         return nacre_fail_memory(error, "the list of effects");
     }
-    add_media(&list, &facts, window);
-    add_boundaries(&list);
+    add_solvers(&list, &facts, choice);
+    add_media(&list, choice->solver);
+    add_boundaries(&list, choice->solver);
     add_inclusions(&list, &facts);
     *effects = list.effects;
     *count = list.count;

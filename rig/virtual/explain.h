@@ -4,6 +4,7 @@
 
 #include "nacre/error.h"
 #include "rig/virtual/sample.h"
+#include "rig/virtual/solver.h"
 #include "rig/virtual/transport.h"
 
 #include <stdbool.h>
@@ -17,8 +18,13 @@ struct effect {
     char reason[160];
 };
 
-/* The effects of a sample whose responses are to have a K x K window; *effects is heap memory. */
-int explain_effects(const struct sample *sample, const struct transport *transport, int window,
-                    struct effect **effects, size_t *count, struct nacre_error *error);
+/* What diffusion on the transport's voxels takes for responses of K x K, on one core. */
+double explain_diffusion_seconds(const struct transport *transport, int window);
+
+/* The effects of a sample whose responses are computed by the chosen solver, and the solvers themselves; *effects is heap
+ * memory. */
+int explain_effects(const struct sample *sample, const struct transport *transport,
+                    const struct solver_choice *choice, struct effect **effects, size_t *count,
+                    struct nacre_error *error);
 
 #endif

@@ -321,6 +321,14 @@ static void slab_of_too_many_voxels_is_refused(void)
     TEST_ASSERT_NOT_NULL(strstr(error.text, "voxels"));
 }
 
+static struct solver_choice choose(const struct sample *sample, int window, double tolerance)
+{
+    struct solver_choice choice;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        0, solver_choose(sample, window, tolerance, 1, 1, &choice, &error), error.text);
+    return choice;
+}
+
 static const struct effect *find_effect(const struct effect *effects, size_t count,
                                         const char *name)
 {
@@ -349,10 +357,20 @@ static void effects_are_told_with_the_line_that_calls_for_them(void)
     struct transport *transport = prepare(&slab.sample);
     struct effect *effects = NULL;
     size_t count = 0;
-    TEST_ASSERT_EQUAL_INT(0, explain_effects(&slab.sample, transport, 9, &effects, &count, &error));
+    struct solver_choice choice = choose(&slab.sample, 9, 0);
+    TEST_ASSERT_EQUAL_INT(SOLVER_DIFFUSION, choice.solver);
+    TEST_ASSERT_EQUAL_INT(
+        0, explain_effects(&slab.sample, transport, &choice, &effects, &count, &error));
     const struct effect *effect = find_effect(effects, count, "multiple scattering");
+    TEST_ASSERT_TRUE(effect->simulated);
+    TEST_ASSERT_EQUAL_INT(11, effect->line);
+    effect = find_effect(effects, count, solver_name(SOLVER_DIFFUSION));
     TEST_ASSERT_TRUE(effect->simulated && effect->seconds > 0);
     TEST_ASSERT_EQUAL_INT(11, effect->line);
+    effect = find_effect(effects, count, solver_name(SOLVER_CLOSED));
+    TEST_ASSERT_FALSE(effect->simulated);
+    TEST_ASSERT_NOT_NULL(strstr(effect->reason, "homogeneous"));
+    TEST_ASSERT_FALSE(find_effect(effects, count, solver_name(SOLVER_MONTECARLO))->simulated);
     effect = find_effect(effects, count, "directed scattering");
     TEST_ASSERT_TRUE(effect->simulated);
     TEST_ASSERT_EQUAL_INT(13, effect->line);
@@ -378,7 +396,9 @@ static void effects_that_nothing_calls_for_are_left_out(void)
     sample.pitch_mm = 1;
     sample.thickness_mm = 3;
     struct transport *transport = prepare(&sample);
-    TEST_ASSERT_EQUAL_INT(0, explain_effects(&sample, transport, 3, &effects, &count, &error));
+    struct solver_choice choice = choose(&sample, 3, 0);
+    TEST_ASSERT_EQUAL_INT(0,
+                          explain_effects(&sample, transport, &choice, &effects, &count, &error));
     static const char *const absent[] = {"absorption", "directed scattering",
                                          "reflection inside the surface", "heterogeneity"};
     for (size_t i = 0; i < sizeof absent / sizeof *absent; i++) {
