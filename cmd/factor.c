@@ -206,7 +206,9 @@ static void print_text(const struct nacre_material *m, const struct factor_summa
            s->seconds_reading + s->seconds_clustering + s->seconds_iterating + s->seconds_measuring,
            s->seconds_reading, s->seconds_clustering, s->seconds_iterating, s->seconds_measuring);
     printf("%-26s %.6g\n", "objective", s->objective);
-    printf("%-26s %s\n", "stored as", m->pixel == NACRE_HALF ? "half floats" : "floats");
+    printf("%-26s %s, made of responses held as %s\n", "stored as",
+           m->pixel == NACRE_HALF ? "half floats" : "floats",
+           s->half_responses ? "half floats" : "floats");
     error_print(&s->error, m, path);
 }
 
@@ -232,11 +234,12 @@ static json_t *to_json(const struct nacre_material *m, const struct factor_summa
 {
     json_t *object = error_to_json(&s->error, m, path);
     json_t *rest = json_pack(
-        "{s:s, s:s, s:s, s:i, s:i, s:i, s:f, s:s, s:f, s:f, s:f, s:f, s:s, s:b, s:b, "
+        "{s:s, s:s, s:s, s:i, s:i, s:i, s:f, s:s, s:s, s:f, s:f, s:f, s:f, s:s, s:b, s:b, "
         "s:f, s:o, s:O?}",
         "output", path, "method", m->method, "device", opencl->name, "terms", m->terms, "clusters",
         m->clusters, "iterations", m->iterations, "objective", s->objective, "stored",
-        m->pixel == NACRE_HALF ? "half" : "float", "seconds_reading", s->seconds_reading,
+        m->pixel == NACRE_HALF ? "half" : "float", "responses",
+        s->half_responses ? "half" : "float", "seconds_reading", s->seconds_reading,
         "seconds_clustering", s->seconds_clustering, "seconds_iterating", s->seconds_iterating,
         "seconds_measuring", s->seconds_measuring, "stopped_by", s->stopped_by, "error_held",
         s->error_held, "continued", s->continued, "seconds_per_iteration", s->seconds_step, "tried",

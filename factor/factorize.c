@@ -258,7 +258,7 @@ int factorize_responses(const struct responses *r, double pitch_mm, const struct
     int stopped = NACRE_OK;
     c.begun_ns = o->begun_ns ? o->begun_ns : clock_now_ns(c.clock);
     *m = (struct nacre_material){0};
-    *summary = (struct factor_summary){0};
+    *summary = (struct factor_summary){.half_responses = r->half};
     int status = check(r, o, error);
     if (status == NACRE_OK) {
         status = begin(&c, error);

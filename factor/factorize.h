@@ -67,6 +67,7 @@ struct factor_summary {
     double seconds_step;       /* the last iteration */
     bool error_held;           /* or none was asked for */
     bool continued;            /* from a checkpoint */
+    bool half_responses;       /* they were held as half floats */
     char stopped_by[24];       /* "tolerance", "iterations", "error", "time", "request" ... */
     struct search search;      /* what was tried; one entry where nothing was to be chosen */
     struct error_report error; /* of the material as stored */

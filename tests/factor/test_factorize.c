@@ -371,6 +371,52 @@ static void storing_as_float_loses_nothing_and_half_hardly_anything(void)
 }
 
 /* Last, as the flag that the signal sets stays set. */
+/* The true mean error of a material made of responses held as floats or as half floats. */
+static double error_of_stored(const struct sample *sample, const struct factor_options *options,
+                              bool half)
+{
+    struct nacre_error error = {0};
+    struct nacre_material material;
+    struct factor_summary summary = {0};
+    struct error_report report = {0};
+    const struct error_source source = {sample, read_sample};
+    struct responses responses = half ? sample_load_half(sample, layout_lanes(&opencl))
+                                      : sample_load(sample, layout_lanes(&opencl));
+    TEST_ASSERT_EQUAL_MESSAGE(
+        NACRE_OK,
+        factorize_responses(&responses, 0.5, options, &opencl, NULL, &material, &summary, &error),
+        error.text);
+    TEST_ASSERT_EQUAL_INT(half, summary.half_responses);
+    TEST_ASSERT_EQUAL(NACRE_OK, error_measure(&source, &material, NULL, &report, &error));
+    double mean = report.whole.mean;
+    /* What the run itself reports is of what it held: off by what halves round, 2^-11 of each entry at most. */
+    TEST_ASSERT_DOUBLE_WITHIN(half ? 0x1p-11 : 1e-6, mean, summary.error.whole.mean);
+    error_report_finish(&report);
+    factor_summary_finish(&summary);
+    nacre_material_finish(&material);
+    responses_finish(&responses);
+    return mean;
+}
+
+/* Points that differ by 1300 in brightness, with responses that fall by 1e5 and more. The noise of 1 % leaves an error of
+ * 0.005, to which roundings of 2^-11 and less, of their own, add 1 % in quadrature at most. */
+static void half_responses_leave_the_error_as_it_is(void)
+{
+    struct sample sample = sample_new(33, 21, 3, 15, 5);
+    for (size_t i = 0; i < (size_t)33 * 21 * 3 * 225; i++) {
+        sample.responses[i] /= i / (3 * 225) % 33 % 3 == 1 ? 1300 : 1;
+    }
+    for (int method = FACTOR_METHOD_HALS; method <= FACTOR_METHOD_MU; method++) {
+        struct factor_options options = quick(4, 2, 40);
+        options.method = (enum factor_method)method;
+        options.store = FACTOR_STORE_FLOAT;
+        double floats = error_of_stored(&sample, &options, false);
+        double halves = error_of_stored(&sample, &options, true);
+        TEST_ASSERT_TRUE(halves <= 1.01 * floats && halves != floats);
+    }
+    sample_finish(&sample);
+}
+
 static void a_run_that_is_stopped_before_it_iterates_leaves_no_material(void)
 {
     struct sample sample = sample_new(4, 3, 1, 3, 3);
@@ -403,6 +449,7 @@ int main(void)
     RUN_TEST(one_point_is_enough);
     RUN_TEST(requests_that_cannot_be_met_are_refused);
     RUN_TEST(storing_as_float_loses_nothing_and_half_hardly_anything);
+    RUN_TEST(half_responses_leave_the_error_as_it_is);
     RUN_TEST(a_run_that_is_stopped_before_it_iterates_leaves_no_material);
     opencl_close(&opencl);
     return UNITY_END();
