@@ -1,7 +1,7 @@
 /* Steps of block coordinate descent: what is extrapolated, kept and taken back. The arithmetic is in hals.cl. */
 #include "factor/hals.h"
 
-#include "factor/layout.h"
+#include "factor/curvature.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -12,12 +12,17 @@ extern const struct opencl_source hals_cl;
 
 /* Extrapolation as Ang and Gillis 2019 set it: the share of the last change that is added starts at FIRST, grows by
  * GROWTH up to a limit that itself grows by LIMIT_GROWTH, and is divided by SHRINK after a step not taken. */
+#define PLAIN        3 /* steps at the start that are not extrapolated */
 #define FIRST        0.5F
 #define GROWTH       1.05F
 #define LIMIT_GROWTH 1.01F
 #define SHRINK       1.5F
 
-enum { SWEEPS = 5, NEAR = 3, FAR_STRIDE = 4 };
+/* Passes over the terms; entries so near to the centre count one by one in the normal matrices. */
+enum { SWEEPS = 10, NEAR = 3 };
+
+/* Cells may take this share of a channel's responses in memory. */
+#define FAR_SHARE 0.5
 
 enum kernel_name { DESCEND_F, DESCEND_H, MEASURE, EXTRAPOLATE, KERNEL_COUNT };
 
@@ -26,43 +31,45 @@ struct tile {
     int rows, group, tile;
 };
 
-/* A quadrature over the window: which columns, and the weights of columns and rows. */
-struct level {
-    cl_mem columns, column_weights, row_weights;
-    cl_int count;
+/* One factor of one channel. */
+struct track {
+    cl_mem good;  /* of the model: the last that was found not to raise the objective */
+    cl_mem next;  /* extrapolated from it: where the next step starts, if that proves good */
+    cl_mem last;  /* the last best step, before extrapolation */
+    cl_mem fresh; /* the best step being made */
 };
 
-/* The state of one channel. The current model is last_f with model_h. */
+/* The state of one channel. */
 struct channel {
-    cl_mem last_f, ahead_f, new_f;        /* F: before extrapolation, after it, being made */
-    cl_mem last_h, model_h, new_h, try_h; /* H: the same, and the one that may become the model */
-    cl_mem from_f, from_h;                /* where the next step starts: some of the above */
-    float share, share_limit;             /* of the extrapolation */
-    double objective;                     /* of the model, on `level` */
-    int level;                            /* 0: a few entries; 1: all */
-    int pilot_steps;
-    int refused;  /* steps not taken since the last that was */
-    int exact;    /* quadrature overshoots here: exact normal equations */
-    int measured; /* `objective` is known */
+    struct track f, h;
+    float share, share_limit; /* of the extrapolation */
+    double objective;         /* of the model; infinite: not known */
+    int accepted;             /* steps taken */
+    int refused;              /* steps not taken since the last that was */
+    int exact;                /* approximate normal matrices overshoot here */
+    int settled;              /* no step lowers the objective any more */
+    double next_objective;    /* where viewed: of what waits in `next` */
+    int viewed;
 };
 
 struct hals {
     struct method method;
     struct layout layout;
+    struct curvature curvature;
     struct hals_options options;
     struct tile tile;
-    size_t items[2]; /* of a launch: blocks, groups of rows */
     cl_program program;
     cl_kernel kernels[KERNEL_COUNT];
-    struct level levels[2];
+    size_t items; /* work-items of a launch */
     struct channel channels[RESPONSES_CHANNELS];
-    cl_mem sums;
+    cl_mem scratch, sums;
+    size_t sum_count;
     float *partials; /* sums of the objective, a pair a work-item */
 };
 
 struct hals_options hals_options_default(void)
 {
-    return (struct hals_options){.quadrature = 1, .pilot = 24, .patience = 0.02};
+    return (struct hals_options){.far = 1};
 }
 
 static struct tile choose_tile(int lanes, int terms)
@@ -89,15 +96,15 @@ static int round_up(int value, int unit)
 
 static int build(struct hals *m, struct nacre_error *error)
 {
-    static const char *const names[KERNEL_COUNT] = {"descend_f", "descend_h", "measure_level",
+    static const char *const names[KERNEL_COUNT] = {"descend_f", "descend_h", "measure_objective",
                                                     "extrapolate"};
     const struct problem *p = m->layout.problem;
     char options[256];
     (void)snprintf(options, sizeof options,
-                   "-DLANES=%d -DTERMS=%d -DWINDOW=%d -DROWS=%d -DGROUP=%d -DTILE=%d -DSWEEPS=%d "
+                   "-DLANES=%d -DTERMS=%d -DWINDOW=%d -DROWS=%d -DGROUP=%d -DTILE=%d "
                    "-DCLUSTERED=%d -DMASKED=%d -DHALF=%d",
                    p->responses->lanes, p->terms, round_up(p->responses->window, 64), m->tile.rows,
-                   m->tile.group, m->tile.tile, SWEEPS, p->clusters > 1, p->responses->mask_needed,
+                   m->tile.group, m->tile.tile, p->clusters > 1, p->responses->mask_needed,
                    p->responses->half);
     if (opencl_build(m->layout.opencl, &hals_cl, options, &m->program, error) != NACRE_OK) {
         return NACRE_FAILED;
@@ -112,64 +119,9 @@ static int build(struct hals *m, struct nacre_error *error)
     return NACRE_OK;
 }
 
-/* Weights of a window's rows, which are those of its columns too. Few: the NEAR entries on each side of the middle count
- * for themselves, of the others every FAR_STRIDE-th counts for its neighbours, the outermost ones for what is left. */
-static void weigh(int window, int few, float *weights)
+static int place_track(struct hals *m, struct track *track, struct nacre_error *error)
 {
-    int half = window / 2;
-    for (int e = 0; e < window; e++) {
-        weights[e] = few ? 0.0F : 1.0F;
-    }
-    for (int d = 0; d <= half && few; d++) {
-        int first = NEAR + 1 + (d - NEAR - 1) / FAR_STRIDE * FAR_STRIDE; /* of the neighbours */
-        int end = first + FAR_STRIDE <= half + 1 ? first + FAR_STRIDE : half + 1;
-        int middle = first + (end - first) / 2;
-        int entry = d <= NEAR ? d : middle;
-        weights[half + entry] += 1;
-        weights[half - entry] += entry > 0 ? 1 : 0;
-    }
-}
-
-static int place_level(struct hals *m, int few, struct level *level, struct nacre_error *error)
-{
-    int window = m->layout.sizes.window, status = NACRE_FAILED;
-    size_t count = (size_t)window;
-    float *weights = calloc(count, sizeof *weights);
-    float *column_weights = calloc(count, sizeof *column_weights);
-    cl_int *columns = calloc(count, sizeof *columns);
-    if (!weights || !column_weights || !columns) {
-        status = nacre_fail_memory(error, "the quadrature");
-        goto out;
-    }
-    weigh(window, few, weights);
-    for (int e = 0; e < window; e++) {
-        if (weights[e] > 0) {
-            columns[level->count] = e;
-            column_weights[level->count++] = weights[e];
-        }
-    }
-    status = layout_make_buffer(&m->layout, count * sizeof *columns, columns, false,
-                                &level->columns, error);
-    if (status == NACRE_OK) {
-        status = layout_make_buffer(&m->layout, count * sizeof *weights, column_weights, false,
-                                    &level->column_weights, error);
-    }
-    if (status == NACRE_OK) {
-        status = layout_make_buffer(&m->layout, count * sizeof *weights, weights, false,
-                                    &level->row_weights, error);
-    }
-out:
-    free(weights);
-    free(column_weights);
-    free(columns);
-    return status;
-}
-
-static int place_channel(struct hals *m, int channel, struct nacre_error *error)
-{
-    struct channel *c = &m->channels[channel];
-    cl_mem *factors[] = {&c->last_f,  &c->ahead_f, &c->new_f, &c->last_h,
-                         &c->model_h, &c->new_h,   &c->try_h};
+    cl_mem *factors[] = {&track->good, &track->next, &track->last, &track->fresh};
     int status = NACRE_OK;
     for (size_t i = 0; i < sizeof factors / sizeof *factors && status == NACRE_OK; i++) {
         status = layout_make_factor(&m->layout, factors[i], error);
@@ -177,16 +129,27 @@ static int place_channel(struct hals *m, int channel, struct nacre_error *error)
     return status;
 }
 
-/* From now on step from the model. */
-static int restart(struct hals *m, struct channel *c, struct nacre_error *error)
+static void release_track(const struct track *track)
+{
+    layout_release(track->good);
+    layout_release(track->next);
+    layout_release(track->last);
+    layout_release(track->fresh);
+}
+
+static int copy_factor(struct hals *m, cl_mem from, cl_mem to, struct nacre_error *error)
 {
     const size_t bytes = m->layout.factor_floats * sizeof(float);
-    c->from_f = c->last_f;
-    c->from_h = c->model_h;
-    return opencl_check(m->layout.opencl,
-                        clEnqueueCopyBuffer(m->layout.opencl->queue, c->model_h, c->last_h, 0, 0,
-                                            bytes, 0, NULL, NULL),
-                        "cannot copy a factor", error);
+    return opencl_check(
+        m->layout.opencl,
+        clEnqueueCopyBuffer(m->layout.opencl->queue, from, to, 0, 0, bytes, 0, NULL, NULL),
+        "cannot copy a factor", error);
+}
+
+/* Whether normal matrices are summed entry by entry: for a channel now, or (NULL) from the start. */
+static bool is_exact(const struct hals *m, const struct channel *c)
+{
+    return (c && c->exact) || !m->options.far || NEAR >= m->layout.sizes.window / 2;
 }
 
 /* Set the arguments of a kernel that visits entries, and run it. */
@@ -195,51 +158,53 @@ static int visit(struct hals *m, int channel, enum kernel_name name, cl_mem own,
 {
     const struct layout *l = &m->layout;
     const struct channel *c = &m->channels[channel];
-    const struct level *entries = &m->levels[c->level];
-    const struct level *few =
-        &m->levels[c->level == 1 && (c->exact || !m->options.quadrature) ? 1 : 0];
-    enum { BUFFERS = 13 };
-    const cl_mem buffers[BUFFERS] = {l->channels[channel].responses,
-                                     l->channels[channel].mask,
-                                     l->labels,
-                                     l->channels[channel].kernels,
-                                     own,
-                                     other,
-                                     next,
-                                     entries->columns,
-                                     entries->column_weights,
-                                     entries->row_weights,
-                                     few->columns,
-                                     few->column_weights,
-                                     few->row_weights};
+    const cl_int half = l->sizes.window / 2, sweeps = SWEEPS;
+    const bool exact = is_exact(m, c);
+    const cl_int near = exact ? half : NEAR;
+    const cl_mem buffers[] = {l->channels[channel].responses,
+                              l->channels[channel].mask,
+                              l->labels,
+                              l->channels[channel].kernels,
+                              own,
+                              other,
+                              next,
+                              m->curvature.far,
+                              m->curvature.channels[channel].masses,
+                              m->scratch,
+                              m->sums};
+    const cl_int numbers[] = {near, sweeps};
+    const size_t one = 1;
     cl_kernel kernel = m->kernels[name];
-    const size_t one[] = {1, 1};
-    cl_uint i = 0;
+    cl_uint argument = 0;
     cl_int status = CL_SUCCESS;
-    for (; i < BUFFERS && status == CL_SUCCESS; i++) {
-        status = clSetKernelArg(kernel, i, sizeof(cl_mem), &buffers[i]);
+    if (name != MEASURE && !exact &&
+        curvature_gather(&m->curvature, channel, other, name == DESCEND_H, error) != NACRE_OK) {
+        return NACRE_FAILED;
+    }
+    for (size_t i = 0; i < sizeof buffers / sizeof *buffers && status == CL_SUCCESS; i++) {
+        status = clSetKernelArg(kernel, argument++, sizeof(cl_mem), &buffers[i]);
+    }
+    for (size_t i = 0; i < sizeof numbers / sizeof *numbers && status == CL_SUCCESS; i++) {
+        status = clSetKernelArg(kernel, argument++, sizeof(cl_int), &numbers[i]);
     }
     if (status == CL_SUCCESS) {
-        status = clSetKernelArg(kernel, i++, sizeof entries->count, &entries->count);
+        status = clSetKernelArg(kernel, argument++, sizeof m->curvature.cells, &m->curvature.cells);
     }
     if (status == CL_SUCCESS) {
-        status = clSetKernelArg(kernel, i++, sizeof few->count, &few->count);
+        status = clSetKernelArg(kernel, argument, sizeof l->sizes, &l->sizes);
     }
     if (status == CL_SUCCESS) {
-        status = clSetKernelArg(kernel, i, sizeof l->sizes, &l->sizes);
-    }
-    if (status == CL_SUCCESS) {
-        status =
-            clEnqueueNDRangeKernel(l->opencl->queue, kernel, 2, NULL, m->items, one, 0, NULL, NULL);
+        status = clEnqueueNDRangeKernel(l->opencl->queue, kernel, 1, NULL, &m->items, &one, 0, NULL,
+                                        NULL);
     }
     return opencl_check(l->opencl, status, "cannot run a step", error);
 }
 
-static int extrapolate(struct hals *m, cl_mem now, cl_mem before, cl_mem next, float share,
+static int extrapolate(struct hals *m, const struct track *track, float share,
                        struct nacre_error *error)
 {
     cl_kernel kernel = m->kernels[EXTRAPOLATE];
-    const cl_mem buffers[] = {now, before, next};
+    const cl_mem buffers[] = {track->fresh, track->last, track->next};
     cl_int status = CL_SUCCESS;
     for (cl_uint i = 0; i < 3 && status == CL_SUCCESS; i++) {
         status = clSetKernelArg(kernel, i, sizeof(cl_mem), &buffers[i]);
@@ -254,25 +219,18 @@ static int extrapolate(struct hals *m, cl_mem now, cl_mem before, cl_mem next, f
     return opencl_check(m->layout.opencl, status, "cannot extrapolate", error);
 }
 
-/* The objective of f and h on the channel's level. */
-static int measure_pair(struct hals *m, int channel, cl_mem f, cl_mem h, double *objective,
-                        struct nacre_error *error)
+/* The objective that the last launch summed. */
+static int collect(struct hals *m, double *objective, struct nacre_error *error)
 {
-    size_t count = 2 * m->items[0] * m->items[1];
+    size_t count = 2 * m->items;
     double sum = 0;
-    int status = visit(m, channel, MEASURE, f, h, m->sums, error);
-    if (status == NACRE_OK) {
-        status = opencl_check(m->layout.opencl,
-                              clEnqueueReadBuffer(m->layout.opencl->queue, m->sums, CL_TRUE, 0,
-                                                  count * sizeof *m->partials, m->partials, 0, NULL,
-                                                  NULL),
-                              "cannot read the objective", error);
-    }
+    cl_int status = clEnqueueReadBuffer(m->layout.opencl->queue, m->sums, CL_TRUE, 0,
+                                        count * sizeof *m->partials, m->partials, 0, NULL, NULL);
     for (size_t i = 0; i < count; i++) {
         sum += m->partials[i];
     }
     *objective = sum / 2;
-    return status;
+    return opencl_check(m->layout.opencl, status, "cannot read the objective", error);
 }
 
 static void swap(cl_mem *a, cl_mem *b)
@@ -282,128 +240,148 @@ static void swap(cl_mem *a, cl_mem *b)
     *b = kept;
 }
 
-/* Take new_f with try_h as the model, and look ahead from it. */
-static int accept(struct hals *m, struct channel *c, double objective, struct nacre_error *error)
+/* From the model, with H's best step made: carry H on along its last change, then the same with F. The result waits in
+ * `next` of both. */
+static int finish_step(struct hals *m, int channel, float share, struct nacre_error *error)
 {
-    int status = extrapolate(m, c->new_f, c->last_f, c->ahead_f, c->share, error);
-    swap(&c->last_f, &c->new_f);
-    swap(&c->last_h, &c->new_h);
-    swap(&c->model_h, &c->try_h);
-    c->from_f = c->ahead_f;
-    c->from_h = c->model_h;
-    c->objective = objective;
-    c->refused = 0;
-    c->share = fminf(c->share_limit, GROWTH * c->share);
-    c->share_limit = fminf(1, LIMIT_GROWTH * c->share_limit);
+    struct channel *c = &m->channels[channel];
+    int status = extrapolate(m, &c->h, share, error);
+    if (status == NACRE_OK) {
+        status = visit(m, channel, DESCEND_F, c->f.good, c->h.next, c->f.fresh, error);
+    }
+    if (status == NACRE_OK) {
+        status = extrapolate(m, &c->f, share, error);
+    }
+    swap(&c->f.last, &c->f.fresh);
+    swap(&c->h.last, &c->h.fresh);
     return status;
 }
 
-/* Leave the model as it is; the next step starts from it with a shorter look ahead, then with none, then with exact
- * normal equations. */
-static int refuse(struct hals *m, struct channel *c, struct nacre_error *error)
+/* Take `next`, from where H's best step is made already, as the model. */
+static void accept(struct channel *c, double objective)
 {
-    c->share_limit = c->share;
-    c->share = ++c->refused < 2 ? c->share / SHRINK : 0;
-    if (c->refused > 2) {
-        c->exact = 1;
+    swap(&c->f.good, &c->f.next);
+    swap(&c->h.good, &c->h.next);
+    c->objective = objective;
+    if (c->accepted == PLAIN) {
+        c->share = FIRST;
+    } else if (c->refused == 0) {
+        c->share = fminf(c->share_limit, GROWTH * c->share);
+        c->share_limit = fminf(1, LIMIT_GROWTH * c->share_limit);
     }
-    return restart(m, c, error);
-}
-
-/* One step on the channel's level; afterwards `objective` is not above what it was. */
-static int descend(struct hals *m, int channel, struct nacre_error *error)
-{
-    struct channel *c = &m->channels[channel];
-    double objective = 0;
-    float share = c->share;
-    int status = visit(m, channel, DESCEND_H, c->from_h, c->from_f, c->new_h, error);
-    if (status == NACRE_OK) {
-        status = extrapolate(m, c->new_h, c->last_h, c->try_h, share, error);
-    }
-    if (status == NACRE_OK) {
-        status = visit(m, channel, DESCEND_F, c->from_f, c->try_h, c->new_f, error);
-    }
-    if (status == NACRE_OK) {
-        status = measure_pair(m, channel, c->new_f, c->try_h, &objective, error);
-    }
-    if (status != NACRE_OK) {
-        return status;
-    }
-    if (objective <= c->objective) {
-        status = accept(m, c, objective, error);
-        c->share = c->share > 0 ? c->share : FIRST / 2;
-        return status;
-    }
-    return refuse(m, c, error);
-}
-
-static int begin_level(struct hals *m, int channel, int level, struct nacre_error *error)
-{
-    struct channel *c = &m->channels[channel];
-    c->level = level;
+    c->accepted++;
     c->refused = 0;
-    c->measured = 1;
-    return measure_pair(m, channel, c->last_f, c->model_h, &c->objective, error);
 }
 
-/* Steps on a few entries, until they bring little or are many. */
-static int pilot(struct hals *m, int channel, struct nacre_error *error)
+/* The step that waits in `next` raises the objective: make it again from the model without extrapolation; if that was
+ * done, with exact normal matrices; if that was done, the model is as good as float arithmetic makes it. */
+static int refuse(struct hals *m, int channel, struct nacre_error *error)
 {
     struct channel *c = &m->channels[channel];
     int status = NACRE_OK;
-    if (m->options.pilot > 0 && m->levels[0].count < m->levels[1].count) {
-        int little = 0;
-        status = begin_level(m, channel, 0, error);
-        for (int i = 0; i < m->options.pilot && little < 2 && status == NACRE_OK; i++) {
-            double before = c->objective;
-            status = descend(m, channel, error);
-            if (c->refused == 0) {
-                little = c->objective > (1 - m->options.patience) * before ? little + 1 : 0;
-            }
+    c->refused++;
+    c->settled = c->refused > 2;
+    if (c->settled) {
+        return NACRE_OK;
+    }
+    c->share_limit = c->share;
+    c->share /= SHRINK;
+    if (c->refused > 1) {
+        c->exact = 1;
+        status = visit(m, channel, DESCEND_H, c->h.good, c->f.good, c->h.last, error);
+    }
+    swap(&c->h.fresh, &c->h.last); /* the best step of H from the model */
+    return status == NACRE_OK ? finish_step(m, channel, 0, error) : status;
+}
+
+/* Make sure that what waits in `next` does not raise the objective, and take it as the model; then make the step from
+ * there, which waits in turn. */
+static int advance(struct hals *m, int channel, struct nacre_error *error)
+{
+    struct channel *c = &m->channels[channel];
+    double objective = 0;
+    int status = NACRE_OK;
+    c->viewed = 0;
+    while (status == NACRE_OK && !c->settled) {
+        status = visit(m, channel, DESCEND_H, c->h.next, c->f.next, c->h.fresh, error);
+        if (status == NACRE_OK) {
+            status = collect(m, &objective, error);
+        }
+        if (status == NACRE_OK && objective <= c->objective) {
+            accept(c, objective);
+            return finish_step(m, channel, c->share, error);
+        }
+        if (status == NACRE_OK) {
+            status = refuse(m, channel, error);
         }
     }
-    return status == NACRE_OK ? begin_level(m, channel, 1, error) : status;
+    return status;
 }
 
 static int step(struct method *method, int channel, double *objective, struct nacre_error *error)
 {
     struct hals *m = (struct hals *)method;
     struct channel *c = &m->channels[channel];
-    int status = c->measured ? NACRE_OK : pilot(m, channel, error);
+    int status = advance(m, channel, error);
     if (objective) {
         *objective = c->objective;
     }
-    return status == NACRE_OK ? descend(m, channel, error) : status;
+    return status;
+}
+
+/* Find out which is better, the model or what waits. */
+static int view(struct hals *m, int channel, struct nacre_error *error)
+{
+    struct channel *c = &m->channels[channel];
+    int status = NACRE_OK;
+    if (!c->viewed && !c->settled) {
+        status = visit(m, channel, MEASURE, c->h.next, c->f.next, c->h.fresh, error);
+        if (status == NACRE_OK) {
+            status = collect(m, &c->next_objective, error);
+        }
+        c->viewed = status == NACRE_OK;
+    }
+    return status;
+}
+
+static bool is_next_better(const struct channel *c)
+{
+    return c->viewed && c->next_objective <= c->objective;
 }
 
 static int measure(struct method *method, int channel, double *objective, struct nacre_error *error)
 {
     struct hals *m = (struct hals *)method;
-    struct channel *c = &m->channels[channel];
-    if (c->measured) {
-        *objective = c->objective;
-        return NACRE_OK;
-    }
-    return measure_pair(m, channel, c->last_f, c->model_h, objective, error);
+    const struct channel *c = &m->channels[channel];
+    int status = view(m, channel, error);
+    *objective = is_next_better(c) ? c->next_objective : c->objective;
+    return status;
 }
 
 static int read_factors(struct method *method, int channel, float *f, float *h,
                         struct nacre_error *error)
 {
     struct hals *m = (struct hals *)method;
-    struct channel *c = &m->channels[channel];
-    int status = layout_read_factor(&m->layout, c->last_f, f, error);
-    return status == NACRE_OK ? layout_read_factor(&m->layout, c->model_h, h, error) : status;
+    const struct channel *c = &m->channels[channel];
+    int status = view(m, channel, error);
+    bool next = is_next_better(c);
+    if (status == NACRE_OK) {
+        status = layout_read_factor(&m->layout, next ? c->f.next : c->f.good, f, error);
+    }
+    return status == NACRE_OK
+               ? layout_read_factor(&m->layout, next ? c->h.next : c->h.good, h, error)
+               : status;
 }
 
+/* Start from the factors in `next`. */
 static int begin_channel(struct hals *m, struct channel *c, struct nacre_error *error)
 {
-    c->share = FIRST;
+    c->share = 0;
     c->share_limit = 1;
-    c->level = 1;
-    c->measured = 0;
-    c->exact = 0;
-    return restart(m, c, error);
+    c->objective = INFINITY;
+    c->accepted = c->refused = c->exact = c->settled = c->viewed = 0;
+    int status = copy_factor(m, c->f.next, c->f.last, error);
+    return status == NACRE_OK ? copy_factor(m, c->h.next, c->h.last, error) : status;
 }
 
 static int write_factors(struct method *method, int channel, const float *f, const float *h,
@@ -411,22 +389,22 @@ static int write_factors(struct method *method, int channel, const float *f, con
 {
     struct hals *m = (struct hals *)method;
     struct channel *c = &m->channels[channel];
-    int status = layout_write_factor(&m->layout, c->last_f, f, error);
+    int status = layout_write_factor(&m->layout, c->f.next, f, error);
     if (status == NACRE_OK) {
-        status = layout_write_factor(&m->layout, c->model_h, h, error);
+        status = layout_write_factor(&m->layout, c->h.next, h, error);
     }
     return status == NACRE_OK ? begin_channel(m, c, error) : status;
 }
 
-/* Saving and loading: the part of a channel's state that is no factor, then F before and after extrapolation, H before
- * and after it. Buffers being made carry nothing over. */
+/* Saving and loading: the part of a channel's state that is no factor, then the model, what waits and the last best step
+ * of F and of H. Buffers being made carry nothing over. */
 struct saved {
     double objective;
     float share, share_limit;
-    int32_t level, pilot_steps, refused, exact, measured, ahead;
+    int32_t accepted, refused, exact, settled;
 };
 
-enum { SAVED_FACTORS = 4 };
+enum { SAVED_FACTORS = 6 };
 
 static size_t saved_floats(const struct hals *m) /* of one factor */
 {
@@ -440,22 +418,31 @@ static size_t state_size(const struct method *method)
     return sizeof(struct saved) + SAVED_FACTORS * saved_floats(m) * sizeof(float);
 }
 
+static void list_factors(const struct channel *c, cl_mem factors[SAVED_FACTORS])
+{
+    const struct track *tracks[] = {&c->f, &c->h};
+    for (int i = 0; i < 2; i++) {
+        *factors++ = tracks[i]->good;
+        *factors++ = tracks[i]->next;
+        *factors++ = tracks[i]->last;
+    }
+}
+
 static int save_state(struct method *method, int channel, void *state, struct nacre_error *error)
 {
     struct hals *m = (struct hals *)method;
     const struct channel *c = &m->channels[channel];
-    const cl_mem factors[SAVED_FACTORS] = {c->last_f, c->ahead_f, c->last_h, c->model_h};
     const struct saved saved = {.objective = c->objective,
                                 .share = c->share,
                                 .share_limit = c->share_limit,
-                                .level = c->level,
-                                .pilot_steps = c->pilot_steps,
+                                .accepted = c->accepted,
                                 .refused = c->refused,
                                 .exact = c->exact,
-                                .measured = c->measured,
-                                .ahead = c->from_f == c->ahead_f};
+                                .settled = c->settled};
+    cl_mem factors[SAVED_FACTORS];
     float *to = (float *)((char *)state + sizeof saved);
     int status = NACRE_OK;
+    list_factors(c, factors);
     memcpy(state, &saved, sizeof saved);
     for (int i = 0; i < SAVED_FACTORS && status == NACRE_OK; i++) {
         status =
@@ -469,15 +456,16 @@ static int load_state(struct method *method, int channel, const void *state,
 {
     struct hals *m = (struct hals *)method;
     struct channel *c = &m->channels[channel];
-    const cl_mem factors[SAVED_FACTORS] = {c->last_f, c->ahead_f, c->last_h, c->model_h};
     const float *from = (const float *)((const char *)state + sizeof(struct saved));
+    cl_mem factors[SAVED_FACTORS];
     struct saved saved;
     int status = NACRE_OK;
     memcpy(&saved, state, sizeof saved);
-    if (saved.level < 0 || saved.level > 1 || !isfinite(saved.share) ||
-        !isfinite(saved.share_limit) || !isfinite(saved.objective)) {
+    if (saved.accepted < 0 || saved.refused < 0 || !isfinite(saved.share) ||
+        !isfinite(saved.share_limit) || isnan(saved.objective)) {
         return nacre_fail(error, "the saved state of channel %d is none of hals", channel);
     }
+    list_factors(c, factors);
     for (int i = 0; i < SAVED_FACTORS && status == NACRE_OK; i++) {
         status =
             layout_write_factor(&m->layout, factors[i], from + (size_t)i * saved_floats(m), error);
@@ -485,41 +473,32 @@ static int load_state(struct method *method, int channel, const void *state,
     c->objective = saved.objective;
     c->share = saved.share;
     c->share_limit = saved.share_limit;
-    c->level = saved.level;
-    c->pilot_steps = saved.pilot_steps;
+    c->accepted = saved.accepted;
     c->refused = saved.refused;
     c->exact = saved.exact;
-    c->measured = saved.measured;
-    c->from_f = saved.ahead ? c->ahead_f : c->last_f;
-    c->from_h = c->model_h;
+    c->settled = saved.settled;
+    c->viewed = 0;
     return status;
 }
 
 static void explain(const struct method *method, const struct listener *to)
 {
     const struct hals *m = (const struct hals *)method;
-    const struct problem *p = m->layout.problem;
+    const struct responses *r = m->layout.problem->responses;
     tell(to, "method", "hals: block coordinate descent, %d sweeps, extrapolated with restart",
          SWEEPS);
-    if (m->options.quadrature && m->levels[0].count < m->levels[1].count) {
-        tell(to, "normal equations",
-             "by quadrature: %d of %d columns and rows of the window stand for all; exact where "
-             "that overshoots",
-             m->levels[0].count, m->levels[1].count);
+    if (is_exact(m, NULL)) {
+        tell(to, "normal matrices", "exact, from all %d columns and rows of the window", r->window);
     } else {
-        tell(to, "normal equations", "exact, from all %d columns and rows of the window",
-             m->levels[1].count);
-    }
-    if (m->options.pilot > 0 && m->levels[0].count < m->levels[1].count) {
-        tell(to, "pilot", "at most %d steps on those few entries, until one brings less than %g %%",
-             m->options.pilot, 100 * m->options.patience);
-    } else {
-        tell(to, "pilot", "none: the window is small");
+        tell(to, "normal matrices",
+             "exact within %d of the centre, beyond it summed over cells of %d x %d points; exact "
+             "where that overshoots",
+             NEAR, CURVATURE_CELL, CURVATURE_CELL);
     }
     tell(to, "tile", "%d rows x %d terms at a time, %d lanes", m->tile.rows, m->tile.group,
-         p->responses->lanes);
+         r->lanes);
     tell(to, "device memory", "%.1f MiB of factors, beside the responses",
-         7 * (double)(m->layout.factor_floats * sizeof(float)) * p->responses->channels * 0x1p-20);
+         8 * (double)(m->layout.factor_floats * sizeof(float)) * r->channels * 0x1p-20);
 }
 
 static void hals_free(struct method *method)
@@ -528,26 +507,17 @@ static void hals_free(struct method *method)
     (void)clFinish(
         m->layout.opencl->queue); /* kernels may still read memory that its owner frees next */
     for (int i = 0; i < RESPONSES_CHANNELS; i++) {
-        struct channel *c = &m->channels[i];
-        layout_release(c->last_f);
-        layout_release(c->ahead_f);
-        layout_release(c->new_f);
-        layout_release(c->last_h);
-        layout_release(c->model_h);
-        layout_release(c->new_h);
-        layout_release(c->try_h);
+        release_track(&m->channels[i].f);
+        release_track(&m->channels[i].h);
     }
-    for (int i = 0; i < 2; i++) {
-        layout_release(m->levels[i].columns);
-        layout_release(m->levels[i].column_weights);
-        layout_release(m->levels[i].row_weights);
-    }
+    layout_release(m->scratch);
     layout_release(m->sums);
     for (int i = 0; i < KERNEL_COUNT; i++) {
         if (m->kernels[i]) {
             (void)clReleaseKernel(m->kernels[i]);
         }
     }
+    curvature_finish(&m->curvature);
     if (m->program) {
         (void)clReleaseProgram(m->program);
     }
@@ -569,29 +539,62 @@ static const struct method_ops hals_ops = {
     .free = hals_free,
 };
 
+/* What the work-items hold; see struct parts in hals.cl. */
+static int make_scratch(struct hals *m, struct nacre_error *error)
+{
+    const struct responses *r = m->layout.problem->responses;
+    size_t planes = (size_t)round_up(m->layout.sizes.terms, m->tile.group);
+    size_t rows = (size_t)m->tile.rows;
+    size_t gradient = (size_t)r->blocks * planes * rows * (size_t)r->lanes;
+    size_t strips = m->layout.problem->clusters > 1 ? rows * (r->row + 2 * r->lead) : 0;
+    return layout_make_buffer(&m->layout, m->items * (gradient + strips) * sizeof(float), NULL,
+                              false, &m->scratch, error);
+}
+
+static int prepare_sums(struct hals *m, struct nacre_error *error)
+{
+    size_t count = 2 * m->items;
+    m->partials = malloc(count * sizeof *m->partials);
+    return m->partials
+               ? layout_make_buffer(&m->layout, count * sizeof(float), NULL, false, &m->sums, error)
+               : nacre_fail_memory(error, "the objective");
+}
+
+static int start_channel(struct hals *m, int channel, struct nacre_error *error)
+{
+    struct channel *c = &m->channels[channel];
+    int status = place_track(m, &c->f, error);
+    if (status == NACRE_OK) {
+        status = place_track(m, &c->h, error);
+    }
+    if (status == NACRE_OK) {
+        status = layout_start_factor(&m->layout, channel, false, c->f.next, error);
+    }
+    if (status == NACRE_OK) {
+        status = layout_start_factor(&m->layout, channel, true, c->h.next, error);
+    }
+    return status == NACRE_OK ? begin_channel(m, c, error) : status;
+}
+
 static int prepare(struct hals *m, struct nacre_error *error)
 {
-    size_t sums = 2 * m->items[0] * m->items[1];
-    m->partials = malloc(sums * sizeof *m->partials);
-    int status = m->partials ? build(m, error) : nacre_fail_memory(error, "the objective");
+    int tiles = round_up(m->layout.sizes.terms, m->tile.tile) / m->tile.tile;
+    int pairs = tiles * (tiles + 1) / 2 * m->tile.tile * m->tile.tile;
+    int status = build(m, error);
     if (status == NACRE_OK) {
-        status = layout_make_buffer(&m->layout, sums * sizeof(float), NULL, false, &m->sums, error);
+        status = make_scratch(m, error);
     }
-    for (int i = 0; i < 2 && status == NACRE_OK; i++) {
-        status = place_level(m, i == 0, &m->levels[i], error);
+    if (status == NACRE_OK) {
+        status = prepare_sums(m, error);
+    }
+    m->options.far &= curvature_bytes(m->layout.problem, NEAR, pairs) <=
+                      FAR_SHARE * (double)m->layout.problem->responses->size * sizeof(float);
+    if (status == NACRE_OK && m->options.far) {
+        status = curvature_begin(&m->curvature, &m->layout, m->program, NEAR, m->tile.tile, pairs,
+                                 error);
     }
     for (int i = 0; i < m->layout.problem->responses->channels && status == NACRE_OK; i++) {
-        struct channel *c = &m->channels[i];
-        status = place_channel(m, i, error);
-        if (status == NACRE_OK) {
-            status = layout_start_factor(&m->layout, i, false, c->last_f, error);
-        }
-        if (status == NACRE_OK) {
-            status = layout_start_factor(&m->layout, i, true, c->model_h, error);
-        }
-        if (status == NACRE_OK) {
-            status = begin_channel(m, c, error);
-        }
+        status = start_channel(m, i, error);
     }
     return status;
 }
@@ -615,8 +618,7 @@ int hals_new(const struct opencl *opencl, const struct problem *problem,
     m->method.ops = &hals_ops;
     m->options = options ? *options : hals_options_default();
     m->tile = choose_tile(r->lanes, problem->terms);
-    m->items[0] = (size_t)r->blocks;
-    m->items[1] = (size_t)((r->height + m->tile.rows - 1) / m->tile.rows);
+    m->items = (size_t)((r->height + m->tile.rows - 1) / m->tile.rows);
     int planes = round_up(problem->terms, m->tile.group);
     int tiled = round_up(problem->terms, m->tile.tile);
     int status = layout_begin(&m->layout, opencl, problem, planes > tiled ? planes : tiled,

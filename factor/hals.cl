@@ -2,18 +2,18 @@
  *
  * With the other factor held, the best row f of F (or column of H) at a point minimises a quadratic of its own:
  *
- *     1/2 (f - f0)^T A (f - f0) - b^T (f - f0),    A = sum_d m'(d) g(d) h h^T,    b = sum_d m(d) (R - g f0^T h) h
+ *     1/2 (f - f0)^T A (f - f0) - b^T (f - f0),    A = sum_d g(d) h h^T,    b = sum_d (R - g f0^T h) h
  *
- * where h is the other factor's vector at distance d and m, m' are weights of a quadrature over the window: 1 for all
- * entries, or a few entries standing for their neighbours (levels.h). A work-item takes ROWS rows of one block of LANES
- * points. It goes through the rows of the other factor, and for each through the columns of the quadrature:
+ * where h is the other factor's vector at distance d. A work-item takes ROWS rows of points. Row by row of the other
+ * factor it goes through the blocks of LANES points, and for each block through the window's columns dx:
  *
- *     phase 1:  f0^T h for ROWS x STEPS entries in registers; the weighted residual m (R - g f0^T h) to a buffer
+ *     phase 0:  the responses R to a small buffer
+ *     phase 1:  f0^T h for ROWS x STEPS columns in registers; R - g f0^T h into the buffer
  *     phase 2:  b += residual * h for GROUP terms at a time
- *     phase 3:  A += m' g h h^T for a TILE x TILE corner of it at a time
  *
- * and ends with SWEEPS passes over the terms, each set in turn to its best value that is not negative. Lanes are
- * points x_i when F is updated and x_o when H is; layout.cl tells how everything lies. */
+ * Then it goes through its points: A, by curvature.cl, and from A and b the new row, each term set in turn to its best
+ * value that is not negative, a few times over. Lanes are points x_i when F is updated and x_o when H is; layout.cl tells
+ * how everything lies. */
 
 #include "layout.cl"
 
@@ -32,175 +32,152 @@
 #ifndef GROUP
 #define GROUP 6 /* terms at a time in phase 2 */
 #endif
-#ifndef TILE
-#define TILE 3 /* side of the corners of A in phase 3 */
+#ifndef PREFETCH
+#ifdef __clang__
+#define PREFETCH 1 /* fetch the responses of the next row ahead of their use */
+#else
+#define PREFETCH 0
 #endif
-#ifndef SWEEPS
-#define SWEEPS 5
 #endif
-
-/* Columns of the window to visit, the weight of each, and the weight of each of its rows (0: not visited). */
-struct level {
-    global const int *columns;
-    global const float *column_weights;
-    global const float *row_weights;
-    int count;
-};
-
-#define PAIRS                                                                                      \
-    (TILES * (TILES + 1) / 2 * TILE * TILE) /* accumulators of A: its lower triangle in tiles */
-#define TILES  ((TERMS + TILE - 1) / TILE)
 #define GROUPS ((TERMS + GROUP - 1) / GROUP)
 
-/* A's entry (s, t). */
-INLINE int entry_of(int s, int t)
-{
-    int high = max(s / TILE, t / TILE), low = min(s / TILE, t / TILE);
-    int row = s / TILE >= t / TILE ? s % TILE : t % TILE;
-    int column = s / TILE >= t / TILE ? t % TILE : s % TILE;
-    return ((high * (high + 1) / 2 + low) * TILE + row) * TILE + column;
-}
+#include "curvature.cl"
 
-/* One block of one row of points, as far as it meets one row of the other factor. */
+/* A row of points and the row of responses that it shares with one row of the other factor. */
 struct meeting {
-    global const stored *responses; /* row (y, dy) */
+    global const stored *responses;
     global const ushort *mask;
     global const float *kernels; /* row dy of kernel 0 */
-    global const int *labels;    /* of the row that is lit, at the block */
-    global const float *own;     /* f0 at the block */
+    global const float
+        *strip; /* where CLUSTERED: row dy of each point's kernel, in the layout of responses */
+    global const float *own; /* f0 */
+    int used;                /* 0: all of the above are zeros */
 };
 
-/* Row dy of the kernels that the lanes' entries have, by the window's column: [WINDOW]. With one cluster for all points
- * within reach each is one number for all lanes. */
-INLINE void spread_kernels(VEC *g, const struct meeting *m, int outgoing, const struct sizes s)
+/* Spread the row dy of each point's kernel into the layout of a row of responses. */
+INLINE void spread_kernels(global float *strip, global const float *kernels,
+                           global const int *labels, const struct sizes s)
 {
-    const int half_window = s.window / 2, area = (s.window + 1) * s.window;
-    const int first = outgoing ? -half_window : 0;
-    const int end = outgoing ? LANES + half_window : LANES;
-    int same = 1;
-    if (CLUSTERED) {
-        for (int x = first + 1; x < end; x++) {
-            same &= m->labels[x] == m->labels[first];
+    const int area = (s.window + 1) * s.window;
+    for (int b = 0; b < s.blocks; b++) {
+        global float *run = strip + b * s.window * LANES;
+        int same = 1;
+        for (int lane = 1; lane < LANES; lane++) {
+            same &= labels[b * LANES + lane] == labels[b * LANES];
         }
-    }
-    if (!CLUSTERED || same) {
-        global const float *from = m->kernels + (CLUSTERED ? m->labels[first] * area : 0);
-        for (int e = 0; e < s.window; e++) {
-            g[e] = (VEC)(from[e]);
-        }
-        return;
-    }
-    float *lanes = (float *)g;
-    if (!outgoing) {
-        for (int lane = 0; lane < LANES; lane++) {
-            global const float *from = m->kernels + m->labels[lane] * area;
+        if (same) {
+            global const float *from = kernels + (long)labels[b * LANES] * area;
             for (int e = 0; e < s.window; e++) {
-                lanes[e * LANES + lane] = from[e];
+                *(global VEC *)(run + e * LANES) = (VEC)(from[e]);
+            }
+            continue;
+        }
+        for (int lane = 0; lane < LANES; lane++) {
+            global const float *from = kernels + (long)labels[b * LANES + lane] * area;
+            for (int e = 0; e < s.window; e++) {
+                run[e * LANES + lane] = from[e];
             }
         }
-        return;
-    }
-    for (int x = first; x < end; x++) { /* lit there, entry e meets lane x - half + e */
-        global const float *from = m->kernels + m->labels[x] * area;
-        const int low = max(0, half_window - x), high = min(s.window, LANES + half_window - x);
-        for (int e = low; e < high; e++) {
-            lanes[e * LANES + x - half_window + e] = from[e];
-        }
     }
 }
 
-/* Distance in floats from a block of the other factor to what entry e meets there. */
-INLINE int shift_of(int e, int outgoing, const struct sizes s)
+/* The kernel's values for entry e. */
+INLINE VEC kernel_at(const struct meeting *m, int block, int e, int outgoing, const struct sizes s)
 {
-    return outgoing ? s.window / 2 - e : e - s.window / 2;
+    if (CLUSTERED) {
+        return load_floats(m->strip, s.window, block, e, outgoing);
+    }
+    return (VEC)(m->kernels[e]);
 }
 
-/* f0^T h of COUNT columns for ROWS rows. */
-#define PRODUCTS(NAME, COUNT)                                                                      \
-    INLINE void NAME(VEC product[ROWS][COUNT], const struct meeting *m, global const float *other, \
-                     global const int *columns, int outgoing, const struct sizes s)                \
+/* Phase 1 for COUNT columns from e on: residuals [column][ROWS]. Returns the sum of their squares over the kernels,
+ * where that is asked for. */
+#define RESIDUALS(NAME, COUNT)                                                                     \
+    INLINE VEC NAME(const struct meeting *m, const float *inverse, global const float *other,      \
+                    VEC *residuals, int e, int block, int outgoing, int objective,                 \
+                    const struct sizes s)                                                          \
     {                                                                                              \
-        int shift[COUNT];                                                                          \
-        UNROLL for (int j = 0; j < COUNT; j++)                                                     \
+        VEC product[ROWS][COUNT];                                                                  \
+        VEC total = 0;                                                                             \
+        global const float *at =                                                                   \
+            other + block * LANES + (outgoing ? s.window / 2 - e : e - s.window / 2);              \
+        UNROLL for (int i = 0; i < ROWS * COUNT; i++)                                              \
         {                                                                                          \
-            shift[j] = shift_of(columns[j], outgoing, s);                                          \
-            UNROLL for (int r = 0; r < ROWS; r++)                                                  \
-            {                                                                                      \
-                product[r][j] = 0;                                                                 \
-            }                                                                                      \
+            product[i / COUNT][i % COUNT] = 0;                                                     \
         }                                                                                          \
         for (int t = 0; t < TERMS; t++) {                                                          \
             VEC h[COUNT];                                                                          \
-            UNROLL for (int j = 0; j < COUNT; j++)                                                 \
+            UNROLL for (int i = 0; i < COUNT; i++)                                                 \
             {                                                                                      \
-                h[j] = VLOAD(0, other + t * s.stride + shift[j]);                                  \
+                h[i] = VLOAD(0, at + t * s.stride + (outgoing ? -i : i));                          \
             }                                                                                      \
             UNROLL for (int r = 0; r < ROWS; r++)                                                  \
             {                                                                                      \
-                VEC f = *(global const VEC *)(m[r].own + t * s.stride);                            \
-                UNROLL for (int j = 0; j < COUNT; j++)                                             \
+                VEC f = *(global const VEC *)(m[r].own + t * s.stride + block * LANES);            \
+                UNROLL for (int i = 0; i < COUNT; i++)                                             \
                 {                                                                                  \
-                    product[r][j] = fma(f, h[j], product[r][j]);                                   \
+                    product[r][i] = fma(f, h[i], product[r][i]);                                   \
                 }                                                                                  \
             }                                                                                      \
         }                                                                                          \
+        UNROLL for (int r = 0; r < ROWS; r++)                                                      \
+        {                                                                                          \
+            UNROLL for (int i = 0; i < COUNT; i++)                                                 \
+            {                                                                                      \
+                total += finish_entry(&m[r], inverse + r * WINDOW, residuals + i * ROWS + r,       \
+                                      product[r][i], e + i, block, outgoing, objective, s);        \
+            }                                                                                      \
+        }                                                                                          \
+        return total;                                                                              \
     }
 
-PRODUCTS(products_steps, STEPS)
-PRODUCTS(products_one, 1)
-
-/* R - g f0^T h of entry e, 0 where it was not measured. */
-INLINE VEC residual(const struct meeting *m, VEC product, VEC g, int block, int e, int outgoing,
-                    const struct sizes s)
+/* R - g f0^T h of entry e in the place of R, 0 where it was not measured. */
+INLINE VEC finish_entry(const struct meeting *m, const float *inverse, VEC *residual, VEC product,
+                        int e, int block, int outgoing, int objective, const struct sizes s)
 {
-    VEC response = load_entry(m->responses, s.window, block, e, outgoing);
-    VEC difference = response - g * product;
+    VEC g = kernel_at(m, block, e, outgoing, s);
+    VEC difference = fma(-g, product, *residual);
     if (MASKED) {
         IVEC measured = load_mask(m->mask, s.window, block, e, outgoing);
         difference = select((VEC)(0), difference, measured);
     }
-    return difference;
+    *residual = difference;
+    if (!objective) {
+        return 0;
+    }
+    if (CLUSTERED) {
+        return difference * difference / fmax(g, (VEC)(FLT_MIN));
+    }
+    return difference * difference * inverse[e];
 }
 
-/* Phase 1 for all columns of the level: residuals [column][ROWS], from kernels g [ROWS][WINDOW]. */
-INLINE void find_residuals(const struct meeting *m, const VEC *g, global const float *other,
-                           VEC *residuals, const float *row_weights, const struct level level,
-                           int block, int outgoing, const struct sizes s)
+RESIDUALS(residuals_steps, STEPS)
+RESIDUALS(residuals_one, 1)
+
+INLINE VEC find_residuals(const struct meeting *m, const float *inverse, global const float *other,
+                          VEC *residuals, int first, int count, int block, int outgoing,
+                          int objective, const struct sizes s)
 {
+    VEC total = 0;
     int j = 0;
-    for (; j + STEPS <= level.count; j += STEPS) {
-        VEC product[ROWS][STEPS];
-        products_steps(product, m, other, level.columns + j, outgoing, s);
-        UNROLL for (int r = 0; r < ROWS; r++)
-        {
-            UNROLL for (int i = 0; i < STEPS; i++)
-            {
-                residuals[(j + i) * ROWS + r] =
-                    residual(&m[r], product[r][i], g[r * WINDOW + level.columns[j + i]], block,
-                             level.columns[j + i], outgoing, s) *
-                    (row_weights[r] * level.column_weights[j + i]);
-            }
-        }
+    for (; j + STEPS <= count; j += STEPS) {
+        total += residuals_steps(m, inverse, other, residuals + j * ROWS, first + j, block,
+                                 outgoing, objective, s);
     }
-    for (; j < level.count; j++) {
-        VEC product[ROWS][1];
-        products_one(product, m, other, level.columns + j, outgoing, s);
-        UNROLL for (int r = 0; r < ROWS; r++)
-        {
-            residuals[j * ROWS + r] =
-                residual(&m[r], product[r][0], g[r * WINDOW + level.columns[j]], block,
-                         level.columns[j], outgoing, s) *
-                (row_weights[r] * level.column_weights[j]);
-        }
+    for (; j < count; j++) {
+        total += residuals_one(m, inverse, other, residuals + j * ROWS, first + j, block, outgoing,
+                               objective, s);
     }
+    return total;
 }
 
 /* Phase 2: gradient [term][ROWS] += residual * h. */
-INLINE void add_gradient(VEC *gradient, const VEC *residuals, global const float *other,
-                         const struct level level, int outgoing, const struct sizes s)
+INLINE void add_gradient(global VEC *gradient, const VEC *residuals, global const float *other,
+                         int e, int count, int block, int outgoing, const struct sizes s)
 {
     for (int first = 0; first < GROUPS * GROUP; first += GROUP) {
-        global const float *plane = other + first * s.stride;
+        global const float *at = other + first * s.stride + block * LANES +
+                                 (outgoing ? s.window / 2 - e : e - s.window / 2);
         VEC sum[GROUP][ROWS];
         UNROLL for (int t = 0; t < GROUP; t++)
         {
@@ -209,11 +186,10 @@ INLINE void add_gradient(VEC *gradient, const VEC *residuals, global const float
                 sum[t][r] = gradient[(first + t) * ROWS + r];
             }
         }
-        for (int j = 0; j < level.count; j++) {
-            global const float *at = plane + shift_of(level.columns[j], outgoing, s);
+        for (int j = 0; j < count; j++) {
             UNROLL for (int t = 0; t < GROUP; t++)
             {
-                VEC h = VLOAD(0, at + t * s.stride);
+                VEC h = VLOAD(0, at + t * s.stride + (outgoing ? -j : j));
                 UNROLL for (int r = 0; r < ROWS; r++)
                 {
                     sum[t][r] = fma(residuals[j * ROWS + r], h, sum[t][r]);
@@ -230,228 +206,219 @@ INLINE void add_gradient(VEC *gradient, const VEC *residuals, global const float
     }
 }
 
-/* Phase 3 of one row of points: curvature [pair] += m' g h h^T. */
-INLINE void add_curvature(VEC *curvature, const VEC *weights, global const float *other,
-                          const struct level level, int outgoing, const struct sizes s)
+/* Phase 0: the responses of `count` columns from e on, [column][ROWS]; those of the next block are fetched ahead. */
+INLINE void read_responses(VEC *responses, const struct meeting *m, int e, int count, int block,
+                           int outgoing, const struct sizes s)
 {
-    VEC *corner = curvature;
-    for (int high = 0; high < TILES; high++) {
-        for (int low = 0; low <= high; low++, corner += TILE * TILE) {
-            global const float *rows = other + high * TILE * s.stride;
-            global const float *columns = other + low * TILE * s.stride;
-            VEC sum[TILE][TILE];
-            UNROLL for (int i = 0; i < TILE * TILE; i++)
-            {
-                sum[i / TILE][i % TILE] = corner[i];
-            }
-            for (int j = 0; j < level.count; j++) {
-                int shift = shift_of(level.columns[j], outgoing, s);
-                VEC h[TILE];
-                UNROLL for (int i = 0; i < TILE; i++)
-                {
-                    h[i] = VLOAD(0, columns + i * s.stride + shift) * weights[j];
-                }
-                UNROLL for (int i = 0; i < TILE; i++)
-                {
-                    VEC row = VLOAD(0, rows + i * s.stride + shift);
-                    UNROLL for (int k = 0; k < TILE; k++)
-                    {
-                        sum[i][k] = fma(row, h[k], sum[i][k]);
-                    }
-                }
-            }
-            UNROLL for (int i = 0; i < TILE * TILE; i++)
-            {
-                corner[i] = sum[i / TILE][i % TILE];
-            }
+    for (int r = 0; r < ROWS; r++) {
+        for (int j = 0; j < count; j++) {
+            responses[j * ROWS + r] = load_entry(m[r].responses, s.window, block, e + j, outgoing);
+#if PREFETCH
+            const int from = outgoing ? ((s.window / 2 - e - j) >> LOG_LANES) + 1 : 0;
+            global const stored *next =
+                m[r].responses + ((block + from + PREFETCH) * s.window + e + j) * LANES;
+            __builtin_prefetch((const void *)(size_t)next);
+#endif
         }
     }
 }
 
-/* Where row r of a work-item meets row y of the other factor. Returns whether it does. */
-INLINE int meet(struct meeting *m, int own_y, int y, int block, global const stored *responses,
-                global const ushort *mask, global const int *labels, global const float *kernels,
-                global const float *own, int outgoing, int *v, const struct sizes s)
+/* Where a row of points meets row y of the other factor. `strip`: room for its kernels. */
+INLINE void meet(struct meeting *m, int own_y, int y, global const stored *responses,
+                 global const ushort *mask, global const int *labels, global const float *kernels,
+                 global const float *own, global float *strip, int outgoing, const struct sizes s)
 {
     const size_t zeros = (size_t)s.lead + (size_t)s.height * s.window * s.row + s.lead;
     const int lit_y = outgoing ? y : own_y;
-    *v = (outgoing ? own_y - y : y - own_y) + s.window / 2;
-    const int used = own_y < s.height && *v >= 0 && *v < s.window;
-    const size_t at = used ? s.lead + ((size_t)lit_y * s.window + *v) * (size_t)s.row : zeros;
+    const int v = (outgoing ? own_y - y : y - own_y) + s.window / 2;
+    const int used = own_y < s.height && v >= 0 && v < s.window;
+    const size_t at = used ? s.lead + ((size_t)lit_y * s.window + v) * (size_t)s.row : zeros;
     m->responses = responses + at;
     m->mask = mask + (MASKED ? at / LANES : 0);
-    m->labels = labels + (used ? lit_y : 0) * s.label_stride + s.pad + block * LANES;
-    m->kernels = kernels + (used ? *v : s.window) * s.window;
-    m->own = own + own_y * s.planes * s.stride + s.pad + block * LANES;
-    return used;
-}
-
-/* SWEEPS passes of coordinate descent from f0 with A and b; writes the row of `next`. */
-INLINE void solve(const VEC *gradient, const VEC *curvature, global const float *own,
-                  global float *next, int row, IVEC inside, const struct sizes s)
-{
-    VEC f[TERMS], left[TERMS], matrix[TERMS][TERMS];
-    for (int t = 0; t < TERMS; t++) {
-        f[t] = *(global const VEC *)(own + t * s.stride);
-        left[t] = gradient[t * ROWS + row];
-        for (int u = 0; u < TERMS; u++) {
-            matrix[t][u] = curvature[entry_of(t, u)];
-        }
-    }
-    for (int sweep = 0; sweep < SWEEPS; sweep++) {
-        for (int t = 0; t < TERMS; t++) {
-            VEC diagonal = matrix[t][t];
-            VEC moved =
-                select(f[t], fmax(f[t] + left[t] / diagonal, (VEC)(0)), diagonal > (VEC)(FLT_MIN));
-            VEC change = moved - f[t];
-            f[t] = moved;
-            for (int u = 0; u < TERMS; u++) {
-                left[u] -= matrix[t][u] * change;
-            }
-        }
-    }
-    for (int t = 0; t < TERMS; t++) {
-        *(global VEC *)(next + t * s.stride) = select((VEC)(0), f[t], inside);
+    m->kernels = kernels + (used ? v : s.window) * s.window;
+    m->own = own + min(own_y, s.height) * s.planes * s.stride + s.pad;
+    m->used = used;
+    m->strip = strip;
+    if (CLUSTERED) {
+        spread_kernels(strip, m->kernels, labels + (used ? lit_y : 0) * s.label_stride + s.pad, s);
     }
 }
 
-/* One factor's best step: from `own` to `next`, with `other` held. */
-INLINE void descend(global const stored *responses, global const ushort *mask,
-                    global const int *labels, global const float *kernels, global const float *own,
-                    global const float *other, global float *next, const struct level entries,
-                    const struct level quadrature, int outgoing, const struct sizes s)
+/* Kahan's sum of one more value for each lane. */
+INLINE void add_exactly(VEC *total, VEC *lost, VEC more)
 {
-    const int block = get_global_id(0), first = get_global_id(1) * ROWS, half_window = s.window / 2;
-    const int stop = min(s.height - 1, first + ROWS - 1 + half_window);
-    struct meeting m[ROWS];
-    VEC gradient[GROUPS * GROUP * ROWS], curvature[ROWS][PAIRS], buffer[WINDOW * ROWS];
-    VEC g[ROWS * WINDOW];
-    for (int i = 0; i < GROUPS * GROUP * ROWS; i++) {
-        gradient[i] = 0;
+    VEC rest = more - *lost, added = *total + rest;
+    *lost = (added - *total) - rest;
+    *total = added;
+}
+
+INLINE void write_sum(global float *sums, VEC total, VEC lost)
+{
+    float lanes[LANES], sum = 0, error = 0;
+    *(VEC *)lanes = total;
+    for (int lane = 0; lane < LANES; lane++) {
+        float added = sum + (lanes[lane] - error);
+        error = (added - sum) - (lanes[lane] - error);
+        sum = added;
     }
-    for (int i = 0; i < ROWS * PAIRS; i++) {
-        curvature[i / PAIRS][i % PAIRS] = 0;
+    *(VEC *)lanes = lost;
+    for (int lane = 0; lane < LANES; lane++) {
+        error += lanes[lane];
     }
-    for (int i = 0; i < ROWS * WINDOW; i++) {
-        g[i] = 0; /* rows that meet nothing weigh nothing, but must be numbers */
-    }
-    for (int y = max(0, first - half_window); y <= stop; y++) {
-        global const float *there = other + y * s.planes * s.stride + s.pad + block * LANES;
-        float entry_weights[ROWS], quadrature_weights[ROWS];
-        int any = 0;
-        for (int r = 0; r < ROWS; r++) {
-            int v;
-            int used = meet(&m[r], first + r, y, block, responses, mask, labels, kernels, own,
-                            outgoing, &v, s);
-            entry_weights[r] = used ? entries.row_weights[v] : 0;
-            quadrature_weights[r] = used ? quadrature.row_weights[v] : 0;
-            any |= entry_weights[r] != 0;
-            if (entry_weights[r] != 0 || quadrature_weights[r] != 0) {
-                spread_kernels(g + r * WINDOW, &m[r], outgoing, s);
-            }
-        }
-        if (any) {
-            find_residuals(m, g, there, buffer, entry_weights, entries, block, outgoing, s);
-            add_gradient(gradient, buffer, there, entries, outgoing, s);
-        }
-        for (int r = 0; r < ROWS; r++) {
-            if (quadrature_weights[r] == 0) {
-                continue;
-            }
-            for (int j = 0; j < quadrature.count; j++) {
-                int e = quadrature.columns[j];
-                VEC weight =
-                    g[r * WINDOW + e] * (quadrature_weights[r] * quadrature.column_weights[j]);
-                if (MASKED) {
-                    IVEC measured = load_mask(m[r].mask, s.window, block, e, outgoing);
-                    weight = select((VEC)(0), weight, measured);
-                }
-                buffer[j] = weight;
-            }
-            add_curvature(curvature[r], buffer, there, quadrature, outgoing, s);
-        }
-    }
-    IVEC inside = (IVEC)(s.width - block * LANES) > LANE_NUMBERS;
-    for (int r = 0; r < ROWS && first + r < s.height; r++) {
-        long at = (long)(first + r) * s.planes * s.stride + s.pad + block * LANES;
-        solve(gradient, curvature[r], own + at, next + at, r, inside, s);
-    }
+    sums[0] = sum;
+    sums[1] = -error;
+}
+
+/* Columns of the window that reach points of the row: [*first, *end). */
+INLINE void reach(int block, int outgoing, int *first, int *end, const struct sizes s)
+{
+    const int left = block * LANES + LANES - 1, right = s.width - 1 - block * LANES;
+    *first = max(0, s.window / 2 - (outgoing ? right : left));
+    *end = min(s.window, s.window / 2 + 1 + (outgoing ? left : right));
 }
 
 #define ARGUMENTS                                                                                  \
     global const stored *responses, global const ushort *mask, global const int *labels,           \
         global const float *kernels, global const float *own, global const float *other,           \
-        global float *next, global const int *columns, global const float *column_weights,         \
-        global const float *row_weights, global const int *quadrature_columns,                     \
-        global const float *quadrature_column_weights, global const float *quadrature_row_weights, \
-        int count, int quadrature_count, const struct sizes s
-#define ENTRIES ((struct level){columns, column_weights, row_weights, count})
-#define QUADRATURE                                                                                 \
-    ((struct level){quadrature_columns, quadrature_column_weights, quadrature_row_weights,         \
-                    quadrature_count})
+        global float *next, global const float *far, global const float *masses,                   \
+        global float *scratch, global float *sums, int near, int sweeps, const struct cells c,     \
+        const struct sizes s
+#define VALUES                                                                                     \
+    responses, mask, labels, kernels, own, other, next, far, masses, scratch, sums, near, sweeps,  \
+        c, s
+
+/* What a work-item holds in its part of scratch. */
+struct parts {
+    global float *gradient; /* [block][term][ROWS][LANES] */
+    global float *strips;   /* where CLUSTERED: [ROWS], each with leads */
+};
+
+INLINE struct parts parts_of(global float *scratch, const struct sizes s)
+{
+    const size_t gradient = (size_t)s.blocks * GROUPS * GROUP * ROWS * LANES;
+    const size_t strips = CLUSTERED ? (size_t)ROWS * (s.row + 2 * s.lead) : 0;
+    global float *at = scratch + get_global_id(0) * (gradient + strips);
+    return (struct parts){at, at + gradient};
+}
+
+/* Phases 0 to 2 for all that the item's rows meet. Returns twice the objective, where that is asked for. */
+INLINE void find_gradient(const struct parts parts, ARGUMENTS, int outgoing, int change,
+                          int objective)
+{
+    const int top = get_global_id(0) * ROWS, half_window = s.window / 2;
+    const int stop = min(s.height - 1, top + ROWS - 1 + half_window);
+    VEC total = 0, lost = 0, buffer[WINDOW * ROWS];
+    float inverse[ROWS * WINDOW];
+    const int count = change ? s.blocks * GROUPS * GROUP * ROWS : 0;
+    for (int i = 0; i < count; i++) {
+        ((global VEC *)parts.gradient)[i] = 0;
+    }
+    for (int y = max(0, top - half_window); y <= stop; y++) {
+        struct meeting m[ROWS];
+        VEC row = 0;
+        for (int r = 0; r < ROWS; r++) {
+            meet(&m[r], top + r, y, responses, mask, labels, kernels, own,
+                 parts.strips + r * (s.row + 2 * s.lead) + s.lead, outgoing, s);
+            const int inverses = CLUSTERED || !objective ? 0 : s.window;
+            for (int e = 0; e < inverses; e++) {
+                inverse[r * WINDOW + e] = m[r].used ? 1 / m[r].kernels[e] : 0;
+            }
+        }
+        global const float *there = other + y * s.planes * s.stride + s.pad;
+        for (int block = 0; block < s.blocks; block++) {
+            int first, end;
+            reach(block, outgoing, &first, &end, s);
+            read_responses(buffer, m, first, end - first, block, outgoing, s);
+            row += find_residuals(m, inverse, there, buffer, first, end - first, block, outgoing,
+                                  objective, s);
+            if (change) {
+                add_gradient((global VEC *)parts.gradient + block * GROUPS * GROUP * ROWS, buffer,
+                             there, first, end - first, block, outgoing, s);
+            }
+        }
+        if (objective) {
+            add_exactly(&total, &lost, row);
+        }
+    }
+    if (objective) {
+        write_sum(sums + get_global_id(0) * 2, total, lost);
+    }
+}
+
+/* A of one block of row y, its near part summed here. */
+INLINE void find_curvature(VEC *curvature, global const ushort *mask, global const int *labels,
+                           global const float *kernels, global const float *other,
+                           global const float *far, global const float *masses, int near, int block,
+                           int own_y, int outgoing, const struct cells c, const struct sizes s)
+{
+    const int half_window = s.window / 2, area = (s.window + 1) * s.window;
+    const int low = half_window - near, count = 2 * near + 1;
+    read_far(curvature, far, masses, own_y, block, near < half_window, outgoing, c, s);
+    for (int y = max(0, own_y - near); y <= min(s.height - 1, own_y + near); y++) {
+        const int lit_y = outgoing ? y : own_y,
+                  v = (outgoing ? own_y - y : y - own_y) + half_window;
+        const size_t at = s.lead + ((size_t)lit_y * s.window + v) * (size_t)s.row;
+        VEC weights[WINDOW];
+        for (int j = 0; j < count; j++) {
+            const int e = low + j;
+            float lanes[LANES];
+            for (int lane = 0; lane < LANES; lane++) {
+                const int x = block * LANES + lane - (outgoing ? e - half_window : 0);
+                const int label = CLUSTERED ? labels[lit_y * s.label_stride + s.pad + x] : 0;
+                lanes[lane] = kernels[(long)label * area + v * s.window + e];
+            }
+            weights[j] = *(VEC *)lanes;
+            if (MASKED) {
+                IVEC measured = load_mask(mask + at / LANES, s.window, block, e, outgoing);
+                weights[j] = select((VEC)(0), weights[j], measured);
+            }
+        }
+        add_near(curvature, weights, other + y * s.planes * s.stride + s.pad + block * LANES, low,
+                 count, outgoing, s);
+    }
+}
+
+/* One factor's best step: from `own` to `next`, with `other` held. */
+INLINE void step_points(const struct parts parts, ARGUMENTS, int outgoing)
+{
+    for (int r = 0; r < ROWS; r++) {
+        const int y = get_global_id(0) * ROWS + r;
+        for (int block = 0; y < s.height && block < s.blocks; block++) {
+            const long at = (long)y * s.planes * s.stride + s.pad + block * LANES;
+            VEC curvature[PAIRS], left[TERMS];
+            find_curvature(curvature, mask, labels, kernels, other, far, masses, near, block, y,
+                           outgoing, c, s);
+            for (int t = 0; t < TERMS; t++) {
+                left[t] =
+                    ((global const VEC *)parts.gradient)[(block * GROUPS * GROUP + t) * ROWS + r];
+            }
+            solve(left, curvature, own + at, next + at, sweeps,
+                  (IVEC)(s.width - block * LANES) > LANE_NUMBERS, s);
+        }
+    }
+}
 
 /* The step of F: own and next are F, other is H. */
 kernel void descend_f(ARGUMENTS)
 {
-    descend(responses, mask, labels, kernels, own, other, next, ENTRIES, QUADRATURE, 0, s);
+    const struct parts parts = parts_of(scratch, s);
+    find_gradient(parts, VALUES, 0, 1, 0);
+    step_points(parts, VALUES, 0);
 }
 
-/* The step of H: own and next are H, other is F. */
+/* The step of H: own and next are H, other is F; and twice the objective before it: a sum and its rounding error for
+ * each work-item. */
 kernel void descend_h(ARGUMENTS)
 {
-    descend(responses, mask, labels, kernels, own, other, next, ENTRIES, QUADRATURE, 1, s);
+    const struct parts parts = parts_of(scratch, s);
+    find_gradient(parts, VALUES, 1, 1, 1);
+    step_points(parts, VALUES, 1);
 }
 
-/* Twice the objective of F (own) and H (other): a sum and its rounding error for each work-item, into next. */
-kernel void measure_level(ARGUMENTS)
+/* Twice the objective alone, by the same sums. */
+kernel void measure_objective(ARGUMENTS)
 {
-    const int block = get_global_id(0), first = get_global_id(1) * ROWS, half_window = s.window / 2;
-    const int stop = min(s.height - 1, first + ROWS - 1 + half_window);
-    const struct level entries = ENTRIES;
-    float total = 0, lost = 0;
-    for (int y = max(0, first - half_window); y <= stop; y++) {
-        global const float *there = other + y * s.planes * s.stride + s.pad + block * LANES;
-        struct meeting m[ROWS];
-        float weights[ROWS], lanes[LANES], row = 0;
-        VEC sum = 0, g[ROWS * WINDOW];
-        for (int r = 0; r < ROWS; r++) {
-            int v;
-            int used =
-                meet(&m[r], first + r, y, block, responses, mask, labels, kernels, own, 0, &v, s);
-            weights[r] = used ? entries.row_weights[v] : 0;
-            spread_kernels(g + r * WINDOW, &m[r], 0, s);
-        }
-        for (int j = 0; j < entries.count; j += STEPS) {
-            VEC product[ROWS][STEPS];
-            int many = j + STEPS <= entries.count;
-            if (many) {
-                products_steps(product, m, there, entries.columns + j, 0, s);
-            }
-            for (int i = 0; i < STEPS && j + i < entries.count; i++) {
-                VEC one[ROWS][1];
-                if (!many) {
-                    products_one(one, m, there, entries.columns + j + i, 0, s);
-                }
-                for (int r = 0; r < ROWS; r++) {
-                    const int e = entries.columns[j + i];
-                    VEC g_e = g[r * WINDOW + e];
-                    VEC d = residual(&m[r], many ? product[r][i] : one[r][0], g_e, block, e, 0, s);
-                    sum +=
-                        select((VEC)(0), d * d / g_e * (weights[r] * entries.column_weights[j + i]),
-                               g_e > (VEC)(0));
-                }
-            }
-        }
-        *(VEC *)lanes = sum;
-        for (int lane = 0; lane < LANES; lane++) {
-            row += lanes[lane];
-        }
-        float added = total + (row - lost); /* Kahan */
-        lost = (added - total) - (row - lost);
-        total = added;
-    }
-    next[(get_global_id(1) * s.blocks + block) * 2] = total;
-    next[(get_global_id(1) * s.blocks + block) * 2 + 1] = -lost;
+    find_gradient(parts_of(scratch, s), VALUES, 1, 0, 1);
 }
 
 /* next = max(0, now + beta (now - before)), element by element. */

@@ -15,9 +15,7 @@
 enum { HALS_TERMS = 256 };
 
 struct hals_options {
-    int quadrature; /* 0: exact normal equations; 1: those of a few entries standing for their neighbours */
-    int pilot;       /* steps on those few entries at most, before all entries are used */
-    double patience; /* the pilot ends when a step lowers its objective by less than this share */
+    int far;   /* 0: exact normal matrices; 1: summed over cells of points away from the centre */
 };
 
 struct hals_options hals_options_default(void);
