@@ -192,10 +192,9 @@ static int make_kernel(const struct layout *layout, cl_program program, const ch
     return opencl_check(layout->opencl, status, name, error);
 }
 
-int curvature_begin(struct curvature *curvature, const struct layout *layout, cl_program program,
-                    int near, int tile, int pairs, struct nacre_error *error)
+int curvature_begin(struct curvature *v, const struct layout *layout, cl_program program, int near,
+                    int tile, int pairs, struct nacre_error *error)
 {
-    struct curvature *v = curvature;
     *v = (struct curvature){.layout = layout,
                             .cells = set_cells(layout->problem->responses),
                             .near = near,

@@ -12,6 +12,11 @@
  * which is smooth, is interpolated between cells, and costs next to nothing. In the step of F each g is first divided by
  * the point's mass, the sum of its far part, and A_far multiplied by it again, as neighbours may differ much in reach. A only shapes the step; the gradient is exact, so the minimum is too. */
 
+#include "layout.cl"
+
+#ifndef TERMS
+#define TERMS 12
+#endif
 #ifndef TILE
 #define TILE 3 /* side of the corners */
 #endif

@@ -26,15 +26,15 @@ struct curvature {
 
 /* Find the weights of a placed problem's kernels. Keeps `layout` and the program's kernels `pool` and `gather_far`.
  * curvature_finish, also after a failure. */
-int curvature_begin(struct curvature *curvature, const struct layout *layout, cl_program program,
-                    int near, int tile, int pairs, struct nacre_error *error);
-void curvature_finish(struct curvature *curvature); /* a zeroed one is allowed */
+int curvature_begin(struct curvature *v, const struct layout *layout, cl_program program, int near,
+                    int tile, int pairs, struct nacre_error *error);
+void curvature_finish(struct curvature *v); /* a zeroed one is allowed */
 
 /* Bytes on the device that curvature_begin takes. */
 double curvature_bytes(const struct problem *problem, int near, int pairs);
 
 /* Fill `far` for the step of F with H = factor, or (outgoing) of H with F = factor. */
-int curvature_gather(struct curvature *curvature, int channel, cl_mem factor, bool outgoing,
+int curvature_gather(struct curvature *v, int channel, cl_mem factor, bool outgoing,
                      struct nacre_error *error);
 
 #endif

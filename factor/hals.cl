@@ -15,11 +15,8 @@
  * value that is not negative, a few times over. Lanes are points x_i when F is updated and x_o when H is; layout.cl tells
  * how everything lies. */
 
-#include "layout.cl"
+#include "curvature.cl"
 
-#ifndef TERMS
-#define TERMS 12
-#endif
 #ifndef WINDOW
 #define WINDOW 64 /* at least the window */
 #endif
@@ -40,8 +37,6 @@
 #endif
 #endif
 #define GROUPS ((TERMS + GROUP - 1) / GROUP)
-
-#include "curvature.cl"
 
 /* A row of points and the row of responses that it shares with one row of the other factor. */
 struct meeting {
