@@ -29,8 +29,9 @@ struct attempt {
     double error_stored;    /* of all points as stored, when verified last */
     bool held;              /* the error that was asked for */
     double seconds;         /* all of it; while it is open, to be added to the clock's */
-    double opening_seconds, step_seconds; /* clusters, kernels and method; the last iteration */
-    double closing_seconds;               /* predicted, writing included; 0: not asked for */
+    double opening_seconds; /* clusters, kernels and method */
+    double first_seconds, step_seconds; /* the first iteration, which may compile; the last */
+    double closing_seconds;             /* predicted, writing included; 0: not asked for */
 };
 
 /* The clusters of the measured points, spread to the others, and their kernels; without `features` there is only room

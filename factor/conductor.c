@@ -12,7 +12,7 @@
 /* Random numbers for terms that are added, drawn from the seed. */
 enum { STREAM_GROWTH = 3 };
 
-/* What is predicted is taken this much too long: machines have other work too. The closing has no second chance. */
+/* Iterations and closing are taken so much too long: machines have other work too, and the closing no second chance. */
 #define CAUTION         1.25
 #define CLOSING_CAUTION 2
 
@@ -51,7 +51,17 @@ static double closing_cost(int terms)
     return terms + 8;
 }
 
-bool conductor_has_time_for(const struct conductor *c, int terms, int clusters, int iterations)
+/* Opening with so many terms, up to the end of the first iteration, by how long it took here. What the first iteration
+ * took beyond a dozen others, a pilot's worth, was compiling, which grows faster than the terms. */
+static double opening_of(const struct attempt *a, int terms)
+{
+    double ratio = fmax(1, (double)terms / a->problem.terms);
+    double compiling = fmax(0, a->first_seconds - 12 * a->step_seconds);
+    double rest = a->opening_seconds + a->first_seconds - compiling;
+    return ratio * rest + ratio * sqrt(ratio) * compiling;
+}
+
+bool conductor_has_time_for(const struct conductor *c, int terms, int clusters)
 {
     const struct attempt *a = c->now_is_open ? &c->now : &c->best;
     const struct problem *p = &a->problem;
@@ -61,9 +71,8 @@ bool conductor_has_time_for(const struct conductor *c, int terms, int clusters, 
     double step =
         a->step_seconds * step_cost(c, terms, clusters) / step_cost(c, p->terms, p->clusters);
     double closing = a->closing_seconds * closing_cost(terms) / closing_cost(p->terms);
-    double opening = c->opening_seconds * fmax(1, (double)terms / p->terms);
-    double needed = opening + iterations * fmax(step, a->step_seconds) + closing;
-    return conductor_seconds(c) + CAUTION * needed <= c->options->seconds;
+    double steps = CAUTION * CONDUCTOR_ITERATIONS * fmax(step, a->step_seconds);
+    return conductor_seconds(c) + opening_of(a, terms) + steps + closing <= c->options->seconds;
 }
 
 /* Predict what comes after the iterations by doing a little of it. The slowest such rehearsal counts. */
@@ -116,7 +125,6 @@ static int open_attempt(struct conductor *c, int terms, int clusters, struct nac
         status = warm_up(c, error);
     }
     a->opening_seconds = conductor_seconds(c) - begun;
-    c->opening_seconds = fmax(c->opening_seconds, a->opening_seconds);
     c->seconds_clustering += a->opening_seconds;
     if (status == NACRE_OK) {
         if (first && tell_is_heard(&c->options->listener)) {
@@ -268,6 +276,14 @@ static int refuse_time(const struct conductor *c, struct nacre_error *error)
         c->options->seconds, spent, p->terms, p->clusters, closing, 1.5 * (spent + closing));
 }
 
+/* Whether the material may hold the error although the few points do not: they are a tenth off at times. */
+static bool is_worth_verifying(const struct conductor *c, enum ending ending)
+{
+    return ending == ENDING_ERROR ||
+           (conductor_wants_error(c) && c->now.verified == 0 && ending != ENDING_TIME &&
+            ending != ENDING_REQUEST && c->now.error <= 1.1 * c->options->error);
+}
+
 /* Iterate the open attempt to its end. */
 static int run_attempt(struct conductor *c, struct nacre_error *error)
 {
@@ -289,14 +305,14 @@ static int run_attempt(struct conductor *c, struct nacre_error *error)
             return status == NACRE_OK ? stopped : status;
         }
         status = take_stock(c, error);
-        if (status == NACRE_OK && ending == ENDING_ERROR) {
+        if (status == NACRE_OK && is_worth_verifying(c, ending)) {
             status = verify(c, error);
         }
     } while (status == NACRE_OK && ending == ENDING_ERROR && !a->held);
     if (status != NACRE_OK) {
         return status;
     }
-    conclude(c, ending);
+    conclude(c, a->held ? ENDING_ERROR : ending);
     return stopped;
 }
 
@@ -309,7 +325,9 @@ int conductor_run(struct conductor *c, struct nacre_error *error)
             if (!search_next(&c->search, &terms, &clusters)) {
                 break;
             }
-            if (c->search.count > 0 && !conductor_has_time_for(c, terms, clusters, 6)) {
+            /* Growth looked at the time already. */
+            if (c->search.count > 0 && c->ending != ENDING_GROWTH &&
+                !conductor_has_time_for(c, terms, clusters)) {
                 c->ending = ENDING_TIME;
                 break;
             }

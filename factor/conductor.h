@@ -20,6 +20,9 @@ enum ending {
     ENDING_REQUEST,
 };
 
+/* Iterations that an attempt must have time for to be worth opening. */
+enum { CONDUCTOR_ITERATIONS = 4 };
+
 struct conductor {
     const struct responses *responses;
     double pitch_mm;
@@ -41,7 +44,6 @@ struct conductor {
 
     double iterating_since; /* seconds by conductor_seconds */
     double iterated_before; /* before the checkpoint that was loaded */
-    double opening_seconds; /* the slowest so far, with the first iteration, which compiles */
     double closing_pace;    /* measured seconds by closing cost, the slowest so far */
     double probed_at, probe_seconds;
     double checkpoint_at;
@@ -64,9 +66,8 @@ static inline bool conductor_has_deadline(const struct conductor *c)
     return c->options->seconds > 0;
 }
 
-/* Whether opening settings of so many terms and clusters, and a few iterations with them, can be done in time. */
-bool conductor_has_time_for(const struct conductor *conductor, int terms, int clusters,
-                            int iterations);
+/* Whether settings of so many terms and clusters can be opened and iterated a little in time. */
+bool conductor_has_time_for(const struct conductor *conductor, int terms, int clusters);
 
 /* Go through what is to be tried. NACRE_CANCELLED leaves the best so far in `best`. */
 int conductor_run(struct conductor *conductor, struct nacre_error *error);

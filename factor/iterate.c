@@ -10,7 +10,6 @@ enum {
     PROSPECT =
         10, /* times as many: how far the error's fall is carried on, to see what is hopeless */
     SETTLING = 6,       /* iterations before larger settings are thought of */
-    AFTER_GROWTH = 4,   /* iterations that larger settings must have time for */
     CHOSEN_LIMIT = 200, /* iterations where nothing else was said */
     ERROR_LIMIT = 1000, /* iterations where an error is to be held */
     VERIFICATIONS = 5,
@@ -77,7 +76,7 @@ static bool should_grow(const struct conductor *c)
     return attempt_iterations(&c->now) >= SETTLING &&
            has_settled(&c->now, fmax(SLOW, c->options->tolerance)) &&
            has_next(c, ENDING_GROWTH, &terms, &clusters) &&
-           conductor_has_time_for(c, terms, clusters, AFTER_GROWTH);
+           conductor_has_time_for(c, terms, clusters);
 }
 
 /* An update may still be on its way when the time is read: half an iteration more. The first iteration compiles and has
@@ -189,14 +188,16 @@ static void tell_pace(const struct conductor *c)
     if (attempt_iterations(a) != 3) {
         return;
     }
-    if (limit == INT_MAX) {
-        tell(&c->options->listener, "pace", "%.3g s an iteration with %d terms and %d clusters",
-             a->step_seconds, a->problem.terms, a->problem.clusters);
-    } else {
-        tell(&c->options->listener, "pace",
-             "%.3g s an iteration with %d terms and %d clusters; %d would take %.3g s",
-             a->step_seconds, a->problem.terms, a->problem.clusters, limit,
-             limit * a->step_seconds);
+    char all[64] = "";
+    if (limit < INT_MAX) {
+        (void)snprintf(all, sizeof all, "; %d would take %.3g s", limit, limit * a->step_seconds);
+    }
+    tell(&c->options->listener, "pace", "%.3g s an iteration with %d terms and %d clusters%s",
+         a->step_seconds, a->problem.terms, a->problem.clusters, all);
+    if (c->probe_seconds > 0) {
+        tell(&c->options->listener, "pace", "%.2g s to look at the error of %zu points%s",
+             c->probe_seconds, c->probe.count,
+             conductor_wants_error(c) ? ", after each" : ", once a second at most");
     }
 }
 
@@ -218,7 +219,7 @@ static int step(struct conductor *c, struct nacre_error *error)
         double now = conductor_seconds(c);
         a->step_seconds = now - begun;
         if (attempt_iterations(a) == 1) {
-            c->opening_seconds = fmax(c->opening_seconds, a->opening_seconds + a->step_seconds);
+            a->first_seconds = a->step_seconds;
         }
         a->history.seconds[a->history.count - 1] =
             (float)(c->iterated_before + now - c->iterating_since);

@@ -10,13 +10,13 @@
 /* The whole of an attempt that is no array. */
 struct attempt_head {
     int terms, clusters, history_count, inherited, known, probed_at, verified, held;
-    double objective, error, goal, error_stored, seconds, opening_seconds, step_seconds,
-        closing_seconds;
+    double objective, error, goal, error_stored, seconds, opening_seconds, first_seconds,
+        step_seconds, closing_seconds;
 };
 
 struct run_head {
     int now_is_open, has_best;
-    double iterated, opening_seconds, seconds_clustering, seconds_measuring;
+    double iterated, seconds_clustering, seconds_measuring;
 };
 
 static size_t points_of(const struct conductor *c)
@@ -106,6 +106,7 @@ static void put_attempt(const struct conductor *c, const struct attempt *a, doub
                                       .error_stored = a->error_stored,
                                       .seconds = seconds,
                                       .opening_seconds = a->opening_seconds,
+                                      .first_seconds = a->first_seconds,
                                       .step_seconds = a->step_seconds,
                                       .closing_seconds = a->closing_seconds};
     size_t history = (size_t)a->history.count * sizeof(float);
@@ -168,6 +169,7 @@ static int get_attempt(const struct conductor *c, struct attempt *a, struct blob
     a->error_stored = head.error_stored;
     a->seconds = head.seconds;
     a->opening_seconds = head.opening_seconds;
+    a->first_seconds = head.first_seconds;
     a->step_seconds = head.step_seconds;
     a->closing_seconds = head.closing_seconds;
     return blob->failed ? fail_contents(error) : NACRE_OK;
@@ -222,7 +224,6 @@ int conductor_save(struct conductor *c, struct nacre_error *error)
     const struct run_head head = {.now_is_open = c->now_is_open,
                                   .has_best = c->best.ids != NULL,
                                   .iterated = c->iterated_before + now - c->iterating_since,
-                                  .opening_seconds = c->opening_seconds,
                                   .seconds_clustering = c->seconds_clustering,
                                   .seconds_measuring = c->seconds_measuring};
     int status = ensure_identity(c, error);
@@ -292,7 +293,6 @@ static int get_run(struct conductor *c, struct blob *blob, struct nacre_error *e
         status = fail_contents(error);
     }
     c->iterated_before = head.iterated;
-    c->opening_seconds = head.opening_seconds;
     c->seconds_clustering = head.seconds_clustering;
     c->seconds_measuring = head.seconds_measuring;
     c->continued = true;
