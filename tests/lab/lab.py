@@ -11,6 +11,7 @@ With NACRE_REQUIRE_LAB=1 there being no lab is a failure.
 """
 import argparse
 import os
+import platform
 import shlex
 import shutil
 import subprocess
@@ -138,6 +139,8 @@ def main():
     try:
         if options.verb == 'missing':
             raise kernel.Missing(f'needs {options.what}')
+        if platform.machine() != 'x86_64':
+            raise kernel.Missing(f'the guest is a PC, which cannot run the programs of this {platform.machine()}')
         if options.verb == 'run':
             return run(options)
         folder = kernel.prepare(lambda text: print(text, file=sys.stderr))

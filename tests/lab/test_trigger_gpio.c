@@ -74,8 +74,8 @@ struct observer {
     pthread_t thread;
     atomic_bool stop;
     int active;
-    int64_t last_idle_ns, first_active_ns, last_active_ns,
-        first_idle_ns; /* around the pulse; 0: not seen */
+    /* Around the pulse; 0: not seen. */
+    _Atomic int64_t last_idle_ns, first_active_ns, last_active_ns, first_idle_ns;
 };
 
 static void *observe(void *context)
@@ -86,9 +86,10 @@ static void *observe(void *context)
         bool active = gpio_sim_level(&chip, 0) == observer->active;
         int64_t after_ns = clock_now_ns(&system_clock);
         if (active) {
-            observer->first_active_ns =
-                observer->first_active_ns ? observer->first_active_ns : after_ns;
             observer->last_active_ns = before_ns;
+            if (!observer->first_active_ns) {
+                observer->first_active_ns = after_ns;
+            }
         } else if (!observer->first_active_ns) {
             observer->last_idle_ns = before_ns;
         } else if (!observer->first_idle_ns) {
@@ -99,14 +100,22 @@ static void *observe(void *context)
     return NULL;
 }
 
+/* Wait until the observer has seen something, five seconds at most. */
+static void wait_seen(const _Atomic int64_t *time_ns)
+{
+    for (int i = 0; i < 500 && *time_ns == 0; i++) {
+        (void)usleep(10000);
+    }
+}
+
 /* Fire while the output is observed, and check that the two agree. */
 static void fire_observed(int64_t exposure_ns, int active)
 {
     struct observer observer = {.active = active};
     TEST_ASSERT_EQUAL_INT(0, pthread_create(&observer.thread, NULL, observe, &observer));
-    (void)usleep(20000);
+    wait_seen(&observer.last_idle_ns);
     int64_t rise_ns = fire(exposure_ns);
-    (void)usleep(20000);
+    wait_seen(&observer.first_idle_ns);
     observer.stop = true;
     TEST_ASSERT_EQUAL_INT(0, pthread_join(observer.thread, NULL));
     int64_t fall_ns = rise_ns + trigger->pulse.width_ns;
@@ -123,8 +132,8 @@ static void pulse_is_seen_when_and_as_long_as_it_says(void)
     struct trigger_gpio_settings chosen = settings();
     open_trigger(&chosen);
     TEST_ASSERT_EQUAL_INT(0, gpio_sim_level(&chip, 0));
-    fire_observed(60 * MS, 1);
-    TEST_ASSERT_INT64_WITHIN(JITTER_NS, 60 * MS, trigger->pulse.width_ns);
+    fire_observed(150 * MS, 1);
+    TEST_ASSERT_INT64_WITHIN(JITTER_NS, 150 * MS, trigger->pulse.width_ns);
     TEST_ASSERT_EQUAL_INT(0, gpio_sim_level(&chip, 0));
 }
 
@@ -134,7 +143,7 @@ static void pulse_of_an_active_low_line_is_low(void)
     chosen.output.active_low = true;
     open_trigger(&chosen);
     TEST_ASSERT_EQUAL_INT(1, gpio_sim_level(&chip, 0));
-    fire_observed(30 * MS, 0);
+    fire_observed(150 * MS, 0);
     TEST_ASSERT_EQUAL_INT(1, gpio_sim_level(&chip, 0));
 }
 
