@@ -126,7 +126,7 @@ def parse():
     verbs.add_parser('path')
     verbs.add_parser('missing').add_argument('what')
     verb = verbs.add_parser('run')
-    verb.add_argument('--timeout', type=float, default=400, help='seconds that the guest may run')
+    verb.add_argument('--timeout', type=float, default=800, help='seconds that the guest may run')
     verb.add_argument('--limit', type=float, default=150, help='seconds that one command may run')
     verb.add_argument('--memory', type=int, default=1024, help='MiB')
     verb.add_argument('--display', default='none', help="the guest's graphics card, as QEMU calls it: bochs-display")
