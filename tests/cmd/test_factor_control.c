@@ -194,8 +194,8 @@ static void check_continues(const char *method, const char *const *options)
 
 static void a_stopped_factorization_continues_to_the_same_file(void)
 {
-    static const char *const steps[] = {"-t",   "3",           "-k", "2", "-i",
-                                        "2000", "--tolerance", "0",  NULL};
+    static const char *const steps[] = {"-t",  "3",           "-k", "2", "-i",
+                                        "600", "--tolerance", "0",  NULL};
     static const char *const search[] = {"--error", "0.3%", NULL};
     TEST_ASSERT_EQUAL_INT(0, setenv("SOURCE_DATE_EPOCH", "1", 1));
     check_continues("hals", steps);
