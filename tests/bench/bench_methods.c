@@ -74,10 +74,8 @@ static void print_details(const struct race *r)
         printf("  no goal is known: hals is not timed\n");
         return;
     }
-    printf("  hals: %d pilot steps and %d steps to objective %.6g, goal %.6g; %.2f s, %.2f "
-           "processor s (the first step, with the pilot, %.2f and %.2f);",
-           r->pilot_steps, r->steps, r->reached, r->of->goal, r->descent.wall, r->descent.processor,
-           r->first.wall, r->first.processor);
+    printf("  hals: %d steps to objective %.6g, goal %.6g; %.2f s, %.2f processor s;", r->steps,
+           r->reached, r->of->goal, r->descent.wall, r->descent.processor);
     for (int i = 0; i < r->profile.count; i++) {
         total += r->profile.kernels[i].seconds;
     }
@@ -156,9 +154,7 @@ static void print_rows(const struct race *r, unsigned units)
         printf(" | | not reached | | | | %d | %.1f s |\n", asked_ratio(r->of), numba_goal(r->of));
         return;
     }
-    struct moment steps = {r->descent.wall - r->first.wall,
-                           r->descent.processor - r->first.processor};
-    print_seconds(times(steps, 1 / fmax(1, r->steps - 1)), units); /* the first has the pilot */
+    print_seconds(times(r->descent, 1.0 / r->steps), units);
     printf(" |");
     print_seconds(r->descent, units);
     print_ratio(mu, r->descent);

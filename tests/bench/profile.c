@@ -116,13 +116,3 @@ struct profile profile_read(void)
     settle();
     return profile;
 }
-
-int profile_launches(const struct profile *p, const char *name)
-{
-    for (int i = 0; i < p->count; i++) {
-        if (strcmp(p->kernels[i].name, name) == 0) {
-            return p->kernels[i].launches;
-        }
-    }
-    return 0;
-}

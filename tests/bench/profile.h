@@ -29,7 +29,4 @@ void profile_clear(void);
 /* What was counted since then; waits until it is done. */
 struct profile profile_read(void);
 
-/* Launches of a kernel, 0 of one that is not there. */
-int profile_launches(const struct profile *profile, const char *name);
-
 #endif

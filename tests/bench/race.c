@@ -94,10 +94,6 @@ static void take_turns(struct race *race, const struct case_problem *made, struc
         done = descend(race, hals);
         race->profile = profile_read();
         race->steps++;
-        if (turn == 0) {
-            race->first = race->descent;
-            race->pilot_steps = profile_launches(&race->profile, "descend_f") - 1;
-        }
     }
     race->steps = done ? race->steps : 0;
     race->product = median(products, turn);

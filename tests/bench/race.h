@@ -15,9 +15,7 @@ struct race {
     struct moment update;   /* one of our updates, median */
     struct moment peer;     /* one of the plain program's */
     struct moment descent;  /* hals, from the start to the goal */
-    struct moment first;    /* its first step, with the pilot */
-    int pilot_steps;        /* those of the pilot, on few entries */
-    int steps;              /* all others; 0: the goal was not reached */
+    int steps;              /* its steps; 0: the goal was not reached */
     double prefix;          /* the objective after CASE_PREFIX updates, and ... */
     double reached;         /* ... that of hals at the end */
     struct profile profile; /* of its kernels */

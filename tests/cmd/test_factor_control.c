@@ -130,9 +130,9 @@ static void wishes_that_make_no_sense_are_refused(void)
 
 static void an_explanation_comes_before_the_result(void)
 {
-    static const char *const keys[] = {"device", "responses", "terms", "clusters",
-                                       "stops",  "method",    "tile",  "device memory",
-                                       "pace",   "tried",     "pilot", "normal equations"};
+    static const char *const keys[] = {"device", "responses", "terms",          "clusters",
+                                       "stops",  "method",    "tile",           "device memory",
+                                       "pace",   "tried",     "normal matrices"};
     struct spawned run = RUN(NULL, "--explain", "-t", "3");
     expect_status(&run, 0);
     const char *result = strstr(run.output, "\nrelative error");

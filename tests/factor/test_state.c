@@ -19,7 +19,7 @@ static float *kernels;
 static struct problem problem;
 static struct nacre_error error;
 
-/* Holes, two clusters, and a window wide enough for hals's quadrature and pilot. */
+/* Holes, two clusters, and a window wide enough for hals's normal matrices to be made of cells. */
 void setUp(void)
 {
     size_t area = (size_t)WINDOW * WINDOW;
