@@ -9,6 +9,7 @@
 #include "nacre/error.h"
 #include "rig/virtual/medium.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 
 typedef float float4 __attribute__((vector_size(16)));
@@ -60,7 +61,10 @@ struct diffusion_problem {
     int level_count;
     void *memory;
     size_t capacity; /* bytes there */
-    int iterations;  /* multigrid cycles that the last solution took */
+    const struct diffusion *system;
+    int channel;
+    bool careful;   /* coarser grids that always converge, if slowly */
+    int iterations; /* multigrid cycles that the last solution took */
 };
 
 /* Set the problem to a box of one channel's system (DIFFUSION_CHANNELS: of all), with sources of 0. A zero-initialised

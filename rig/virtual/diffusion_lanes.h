@@ -148,9 +148,11 @@ TARGET static void NAME(descend)(const struct diffusion_level *level,
     }
 }
 
-/* Add the coarser level's values to the red columns of row y, bilinearly between its columns' centres. */
+/* Add the coarser level's values to the red columns of row y, with weights of the column that they are part of, those
+ * beside and behind, and the one across. */
 TARGET static void NAME(prolong_row)(const struct diffusion_level *level,
-                                     const struct diffusion_level *coarse, int y, float weight)
+                                     const struct diffusion_level *coarse, int y,
+                                     const float weights[3])
 {
     size_t row = ((size_t)y / 2 + 1) * coarse->row;
     size_t other_row = ((size_t)neighbour(y, coarse->ny) + 1) * coarse->row;
@@ -165,19 +167,19 @@ TARGET static void NAME(prolong_row)(const struct diffusion_level *level,
         VECTOR *to = (VECTOR *)(void *)level->values + ((size_t)y + 1) * level->row +
                      ((size_t)x + 1) * level->column;
         for (size_t z = 0; z < level->column; z++) {
-            to[z] += weight *
-                     (0.5625F * near[z] + 0.1875F * (beside[z] + behind[z]) + 0.0625F * across[z]);
+            to[z] += weights[0] * near[z] + weights[1] * (beside[z] + behind[z]) +
+                     weights[2] * across[z];
         }
     }
 }
 
 /* The way up: take the coarser level's correction, then sweep the black columns and the red ones. */
 TARGET static void NAME(ascend)(const struct diffusion_level *level,
-                                const struct diffusion_level *coarse, float weight)
+                                const struct diffusion_level *coarse, const float weights[3])
 {
     for (int y = 0; y < level->ny + 2; y++) {
         if (y < level->ny) {
-            NAME(prolong_row)(level, coarse, y, weight);
+            NAME(prolong_row)(level, coarse, y, weights);
         }
         for (int x = y % 2; y >= 1 && y <= level->ny && x < level->nx; x += 2) {
             NAME(solve_column)(level, x, y - 1, false);
@@ -219,7 +221,11 @@ TARGET static void NAME(cycle)(const struct diffusion_problem *problem, bool fre
     }
     NAME(settle)(problem->levels + last, fresh || last > 0, last > 0 ? ignored : squares);
     for (int i = last; i-- > 0;) {
-        NAME(ascend)(problem->levels + i, problem->levels + i + 1, i > 0 ? 1 : FINEST_WEIGHT);
+        NAME(ascend)
+        (problem->levels + i, problem->levels + i + 1,
+         problem->careful ? CAREFUL
+         : i > 0          ? BILINEAR
+                          : FINEST);
     }
 }
 

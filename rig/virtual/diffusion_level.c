@@ -166,9 +166,10 @@ static inline float in_series(float before, float across, float after)
     return across > 0 ? across * (before * after / sum) : 0;
 }
 
-/* Add one fine column to the coarse one that it is part of. */
+/* Add one fine column to the coarse one that it is part of. `careful`: what joins two coarse columns is what joins their
+ * fine ones, which is exact for corrections that are the same in a coarse column (Galerkin). */
 static void join_column(const struct diffusion_level *fine, struct diffusion_level *coarse, int x,
-                        int y)
+                        int y, bool careful)
 {
     size_t n = fine->column * fine->coefficients;
     size_t behind = fine->row * fine->coefficients;
@@ -184,19 +185,21 @@ static void join_column(const struct diffusion_level *fine, struct diffusion_lev
         float *left = coarse->left + to;
         const float *across = fine->left + from;
         for (size_t k = 0; k < n; k++) {
-            left[k] += in_series(across[k - n], across[k], across[k + n]);
+            left[k] += careful ? across[k] : in_series(across[k - n], across[k], across[k + n]);
         }
     }
     if (y > 0 && y % 2 == 0) {
         float *back = coarse->back + to;
         const float *across = fine->back + from;
         for (size_t k = 0; k < n; k++) {
-            back[k] += in_series(across[k - behind], across[k], across[k + behind]);
+            back[k] +=
+                careful ? across[k] : in_series(across[k - behind], across[k], across[k + behind]);
         }
     }
 }
 
-static void join_level(const struct diffusion_level *fine, struct diffusion_level *coarse)
+static void join_level(const struct diffusion_level *fine, struct diffusion_level *coarse,
+                       bool careful)
 {
     size_t size = ((size_t)coarse->ny + 2) * coarse->row * coarse->coefficients * sizeof(float);
     memset(coarse->left, 0, size);
@@ -205,7 +208,7 @@ static void join_level(const struct diffusion_level *fine, struct diffusion_leve
     memset(coarse->loss, 0, size);
     for (int y = 0; y < fine->ny; y++) {
         for (int x = 0; x < fine->nx; x++) {
-            join_column(fine, coarse, x, y);
+            join_column(fine, coarse, x, y, careful);
         }
     }
 }
@@ -260,18 +263,18 @@ void diffusion_levels_lay(struct diffusion_problem *problem, int nz)
     problem->level_count = diffusion_level_count(nx, ny);
 }
 
-void diffusion_levels_fill(struct diffusion_problem *problem, const struct diffusion *diffusion,
-                           int channel)
+void diffusion_levels_fill(struct diffusion_problem *problem)
 {
     struct diffusion_level *fine = problem->levels;
-    fill_finest(problem, diffusion, fine, fine->coefficients == 1 ? (size_t)channel : 0);
+    fill_finest(problem, problem->system, fine,
+                fine->coefficients == 1 ? (size_t)problem->channel : 0);
     for (int i = 0; i < problem->level_count; i++, fine++) {
         if (fine->coefficients == 4) {
             fill_idle_lane(fine);
         }
         factor_level(fine);
         if (i + 1 < problem->level_count) {
-            join_level(fine, fine + 1);
+            join_level(fine, fine + 1, problem->careful);
         }
     }
 }

@@ -30,8 +30,7 @@ size_t diffusion_levels_size(int nx, int ny, int nz, enum diffusion_lanes lanes)
  * set to 0. */
 void diffusion_levels_lay(struct diffusion_problem *problem, int nz);
 
-/* Fill in the coefficients of all levels, which may have others already. */
-void diffusion_levels_fill(struct diffusion_problem *problem, const struct diffusion *diffusion,
-                           int channel);
+/* Fill in the coefficients of all levels, which may have others already, from problem->system. */
+void diffusion_levels_fill(struct diffusion_problem *problem);
 
 #endif

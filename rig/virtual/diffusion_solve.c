@@ -2,18 +2,24 @@
 #include "rig/virtual/diffusion.h"
 #include "rig/virtual/diffusion_level.h"
 
+#include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { MAX_CYCLES = 200 };
+enum { MAX_CYCLES = 2000 };
 
-/* The cycle that begins with a change of this part of the first one is the last. It leaves a tenth of that or so. */
+/* The cycle that begins with a change of this part of the first one is the last, where cycles leave a third of the error
+ * or less; where they leave more, what all later ones would change must be as small. */
 static const double TOLERANCE = 1e-5;
+static const double SLOWEST =
+    0.9; /* part left by a cycle that this looks ahead for; single precision ends it */
 
-/* The correction from the second grid is taken a little larger than it is: cells of one value have too little freedom,
- * and so too small a correction. */
-#define FINEST_WEIGHT 1.2F
+/* How a coarser level's correction is taken: bilinearly between its columns' centres. That from the second grid is taken
+ * a little larger than it is: cells of one value have too little freedom, and so too small a correction. */
+static const float BILINEAR[3] = {0.5625F, 0.1875F, 0.0625F};
+static const float FINEST[3] = {1.2F * 0.5625F, 1.2F * 0.1875F, 1.2F * 0.0625F};
+static const float CAREFUL[3] = {1, 0, 0};
 
 typedef float float8 __attribute__((vector_size(32)));
 
@@ -77,12 +83,15 @@ int diffusion_problem_set(struct diffusion_problem *problem, const struct diffus
     problem->box = box;
     problem->column = (size_t)nz;
     problem->row = ((size_t)nx + 2) * problem->column;
+    problem->system = diffusion;
+    problem->channel = channel;
+    problem->careful = false;
     if (same) {
         diffusion_problem_darken(problem);
     } else {
         diffusion_levels_lay(problem, nz);
     }
-    diffusion_levels_fill(problem, diffusion, channel);
+    diffusion_levels_fill(problem);
     problem->source = problem->levels->source;
     problem->values = problem->levels->values;
     return NACRE_OK;
@@ -112,19 +121,49 @@ static cycle_function *choose_cycle(enum diffusion_lanes lanes)
     return lanes == DIFFUSION_BATCH ? cycle_batch : cycle_channels;
 }
 
-int diffusion_solve(struct diffusion_problem *problem, struct nacre_error *error)
+/* Whether a lane whose change had these squares, this time and the last, needs more cycles. */
+static bool is_waiting(double squares, double before, double first)
+{
+    double rate = before > 0 ? fmin(sqrt(squares / before), SLOWEST) : 0;
+    double ahead = fmax(1, 2 * rate / (1 - rate));
+    return !(ahead * ahead * squares <= TOLERANCE * TOLERANCE * first);
+}
+
+/* Cycle until no lane waits; false if that is not reached, or if lanes have got brighter in place of settling. */
+static bool settle_all(struct diffusion_problem *problem, int most)
 {
     cycle_function *cycle = choose_cycle(problem->lanes);
     double first[DIFFUSION_BATCH];
+    double before[DIFFUSION_BATCH];
     double squares[DIFFUSION_BATCH];
     cycle(problem, true, first);
-    for (problem->iterations = 2; problem->iterations <= MAX_CYCLES; problem->iterations++) {
+    memcpy(before, first, sizeof before);
+    for (problem->iterations = 2; problem->iterations <= most; problem->iterations++) {
         bool waiting = false;
+        bool sound = true;
         cycle(problem, false, squares);
         for (int lane = 0; lane < (int)problem->lanes; lane++) {
-            waiting = waiting || squares[lane] > TOLERANCE * TOLERANCE * first[lane];
+            waiting = waiting || is_waiting(squares[lane], before[lane], first[lane]);
+            sound = sound && squares[lane] <= 10 * first[lane];
         }
-        if (!waiting) {
+        memcpy(before, squares, sizeof before);
+        if (!waiting || !sound) {
+            return sound;
+        }
+    }
+    return false;
+}
+
+int diffusion_solve(struct diffusion_problem *problem, struct nacre_error *error)
+{
+    enum { QUICK_CYCLES = 150 };
+    if (settle_all(problem, problem->careful ? MAX_CYCLES : QUICK_CYCLES)) {
+        return NACRE_OK;
+    }
+    if (!problem->careful) {
+        problem->careful = true;
+        diffusion_levels_fill(problem);
+        if (settle_all(problem, MAX_CYCLES)) {
             return NACRE_OK;
         }
     }
