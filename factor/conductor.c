@@ -52,7 +52,7 @@ static double closing_cost(int terms)
 }
 
 /* Opening with so many terms, up to the end of the first iteration, by how long it took here. What the first iteration
- * took beyond a dozen others, a pilot's worth, was compiling, which grows faster than the terms. */
+ * took beyond a dozen others was compiling, which grows faster than the terms. */
 static double opening_of(const struct attempt *a, int terms)
 {
     double ratio = fmax(1, (double)terms / a->problem.terms);

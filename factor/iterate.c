@@ -79,8 +79,8 @@ static bool should_grow(const struct conductor *c)
            conductor_has_time_for(c, terms, clusters);
 }
 
-/* An update may still be on its way when the time is read: half an iteration more. The first iteration compiles and has
- * hals's pilot in it, so what follows takes a fraction of its time. */
+/* An update may still be on its way when the time is read: half an iteration more. The first iteration may compile, so
+ * what follows takes a fraction of its time. */
 static bool time_is_up(const struct conductor *c)
 {
     const struct attempt *a = &c->now;
