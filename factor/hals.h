@@ -15,7 +15,7 @@
 enum { HALS_TERMS = 256 };
 
 struct hals_options {
-    int far;   /* 0: exact normal matrices; 1: summed over cells of points away from the centre */
+    int far; /* 0: exact normal matrices; 1: summed over cells of points away from the centre */
 };
 
 struct hals_options hals_options_default(void);
