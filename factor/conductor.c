@@ -38,11 +38,11 @@ int conductor_make_method(struct conductor *c, struct nacre_error *error)
                : hals_new(c->opencl, &a->problem, NULL, &a->method, error);
 }
 
-/* An iteration's arithmetic, up to a factor: hals has T^2 / 2 products to sum beside what grows with T. */
+/* An iteration's arithmetic, up to a factor: hals has T^2 / 2 products of few entries beside what grows with T. */
 static double step_cost(const struct conductor *c, int terms, int clusters)
 {
     double spread = clusters > 1 ? 1.3 : 1;
-    return spread * (c->options->method == FACTOR_METHOD_MU ? terms : terms * (1 + terms / 12.0));
+    return spread * (c->options->method == FACTOR_METHOD_MU ? terms : terms * (1 + terms / 60.0));
 }
 
 /* Measuring a material, up to a factor: reading and comparing cost as much as eight terms. */
@@ -52,11 +52,11 @@ static double closing_cost(int terms)
 }
 
 /* Opening with so many terms, up to the end of the first iteration, by how long it took here. What the first iteration
- * took beyond a dozen others was compiling, which grows faster than the terms. */
+ * took beyond two others was compiling, which grows faster than the terms. */
 static double opening_of(const struct attempt *a, int terms)
 {
     double ratio = fmax(1, (double)terms / a->problem.terms);
-    double compiling = fmax(0, a->first_seconds - 12 * a->step_seconds);
+    double compiling = fmax(0, a->first_seconds - 2 * a->step_seconds);
     double rest = a->opening_seconds + a->first_seconds - compiling;
     return ratio * rest + ratio * sqrt(ratio) * compiling;
 }
