@@ -98,7 +98,7 @@ static const struct option_spec factor_options[] = {
      .offset = offsetof(struct factor_settings, tolerance),
      .sentence =
          "stop when an iteration, on average over five, lowers the objective by less than this "
-         "share; 0: go on to the last"},
+         "share; 0: go on until nothing changes"},
     {.name = "kernel",
      .kind = OPTION_CHOICE,
      .words = kernel_words,

@@ -77,11 +77,18 @@ static void sort_points(const struct problem *p, size_t count, size_t *first, si
     first[p->clusters] = count;
 }
 
-/* How many points a cell has along one axis. */
-static int points_of(int cell, int size)
+/* How many points, or measured points, the cell of a point has. */
+static int points_near(const struct responses *r, size_t point, bool measured)
 {
-    int rest = size - cell * CURVATURE_CELL;
-    return rest < CURVATURE_CELL ? rest : CURVATURE_CELL;
+    int cell_x = (int)(point % (size_t)r->width) / CURVATURE_CELL * CURVATURE_CELL;
+    int cell_y = (int)(point / (size_t)r->width) / CURVATURE_CELL * CURVATURE_CELL;
+    int count = 0;
+    for (int y = cell_y; y < cell_y + CURVATURE_CELL && y < r->height; y++) {
+        for (int x = cell_x; x < cell_x + CURVATURE_CELL && x < r->width; x++) {
+            count += !measured || r->measured[(size_t)y * (size_t)r->width + (size_t)x];
+        }
+    }
+    return count;
 }
 
 /* W(cell of the point, .) += the point's share times `scale`: [offset y][offset x][stride]. */
@@ -93,13 +100,11 @@ static void add_point(const struct curvature *v, size_t point, const double *tem
     const size_t side = 2 * (size_t)c->reach + 1, area = side * side;
     int x = (int)(point % (size_t)r->width), y = (int)(point / (size_t)r->width);
     int cell_x = x / CURVATURE_CELL, cell_y = y / CURVATURE_CELL;
-    int pairs = points_of(cell_x, r->width) * points_of(cell_y, r->height) * CURVATURE_CELL *
-                CURVATURE_CELL;
     int place = y % CURVATURE_CELL * CURVATURE_CELL + x % CURVATURE_CELL;
     const double *from = templates + (size_t)place * area;
     float *to = weights + (size_t)cell_y * area * (size_t)c->stride + c->pad + cell_x;
     for (size_t i = 0; i < area; i++) {
-        to[i * (size_t)c->stride] += (float)(from[i] * scale / pairs);
+        to[i * (size_t)c->stride] += (float)(from[i] * scale / (CURVATURE_CELL * CURVATURE_CELL));
     }
 }
 
@@ -114,8 +119,8 @@ static double mass_of(const double *templates, size_t area)
 }
 
 /* Weights of a channel, for the steps of F and H: [row][offset y][offset x][stride], and masses[height][blocks * lanes]:
- * points of a cell may have kernels of very different reach, so each weighs with its own in F's step. Points that were
- * not measured weigh nothing. */
+ * points of a cell may have kernels of very different reach, so each weighs with its own in F's step. In H's step points
+ * that were not measured weigh nothing; F is 0 there. */
 static int weigh(const struct curvature *v, int channel, float *shapes, float *weights,
                  float *masses, struct nacre_error *error)
 {
@@ -143,9 +148,9 @@ static int weigh(const struct curvature *v, int channel, float *shapes, float *w
         for (size_t i = first[k]; i < first[k + 1] && mass > 0; i++) {
             size_t point = points[i];
             masses[point / (size_t)r->width * wide + point % (size_t)r->width] = (float)mass;
+            add_point(v, point, templates, 1.0 / points_near(r, point, false) / mass, shapes);
             if (r->measured[point]) {
-                add_point(v, point, templates, 1 / mass, shapes);
-                add_point(v, point, templates, 1, weights);
+                add_point(v, point, templates, 1.0 / points_near(r, point, true), weights);
             }
         }
     }

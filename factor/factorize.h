@@ -39,8 +39,8 @@ struct factor_options {
     int terms, clusters, iterations;
     enum kernels_kind kernel;
     double
-        tolerance; /* stop when five iterations lower the objective by less than five times this share; 0: never */
-    double error;   /* mean relative error to be held by the material as stored; 1: any */
+        tolerance; /* stop when five iterations lower the objective by less than five times this share; 0: not at all */
+    double error;  /* mean relative error to be held by the material as stored; 1: any */
     double seconds; /* that all may take from begun_ns on, writing the material included; 0: any */
     double epsilon; /* relative to each kernel's maximum */
     enum factor_store store;

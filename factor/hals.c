@@ -21,7 +21,7 @@ extern const struct opencl_source hals_cl;
 /* Passes over the terms; entries so near to the centre count one by one in the normal matrices. */
 enum { SWEEPS = 10, NEAR = 3 };
 
-/* Cells may take this share of a channel's responses in memory. */
+/* Cells may take this share of a channel's responses as floats. */
 #define FAR_SHARE 0.5
 
 enum kernel_name { DESCEND_F, DESCEND_H, MEASURE, EXTRAPOLATE, KERNEL_COUNT };
@@ -226,7 +226,7 @@ static int collect(struct hals *m, double *objective, struct nacre_error *error)
     double sum = 0;
     cl_int status = clEnqueueReadBuffer(m->layout.opencl->queue, m->sums, CL_TRUE, 0,
                                         count * sizeof *m->partials, m->partials, 0, NULL, NULL);
-    for (size_t i = 0; i < count; i++) {
+    for (size_t i = 0; i < count && status == CL_SUCCESS; i++) {
         sum += m->partials[i];
     }
     *objective = sum / 2;
@@ -279,14 +279,20 @@ static int refuse(struct hals *m, int channel, struct nacre_error *error)
 {
     struct channel *c = &m->channels[channel];
     int status = NACRE_OK;
-    c->refused++;
+    /* A step that was not extrapolated would be the same again. */
+    c->refused = c->refused == 0 && c->share == 0 ? 2 : c->refused + 1;
     c->settled = c->refused > 2;
     if (c->settled) {
         return NACRE_OK;
     }
-    c->share_limit = c->share;
-    c->share /= SHRINK;
-    if (c->refused > 1) {
+    if (c->refused == 1) {
+        c->share_limit = c->share;
+        c->share /= SHRINK;
+    } else {
+        if (!c->exact && c->accepted > PLAIN) { /* it was shortened for what the matrices did */
+            c->share = FIRST;
+            c->share_limit = 1;
+        }
         c->exact = 1;
         status = visit(m, channel, DESCEND_H, c->h.good, c->f.good, c->h.last, error);
     }
@@ -373,6 +379,31 @@ static int read_factors(struct method *method, int channel, float *f, float *h,
                : status;
 }
 
+/* Set F to zero where nothing was measured: no entry moves it, and it must not weigh in the normal matrices. */
+static int clear_unmeasured(struct hals *m, cl_mem f, struct nacre_error *error)
+{
+    const struct responses *r = m->layout.problem->responses;
+    size_t points = (size_t)r->width * (size_t)r->height;
+    size_t count = (size_t)m->layout.sizes.terms * points;
+    int status = NACRE_OK;
+    if (r->measured_count == points) {
+        return NACRE_OK;
+    }
+    float *values = malloc(count * sizeof *values);
+    if (!values) {
+        return nacre_fail_memory(error, "a factor");
+    }
+    status = layout_read_factor(&m->layout, f, values, error);
+    for (size_t i = 0; i < count; i++) {
+        values[i] = r->measured[i % points] ? values[i] : 0;
+    }
+    if (status == NACRE_OK) {
+        status = layout_write_factor(&m->layout, f, values, error);
+    }
+    free(values);
+    return status;
+}
+
 /* Start from the factors in `next`. */
 static int begin_channel(struct hals *m, struct channel *c, struct nacre_error *error)
 {
@@ -380,7 +411,10 @@ static int begin_channel(struct hals *m, struct channel *c, struct nacre_error *
     c->share_limit = 1;
     c->objective = INFINITY;
     c->accepted = c->refused = c->exact = c->settled = c->viewed = 0;
-    int status = copy_factor(m, c->f.next, c->f.last, error);
+    int status = clear_unmeasured(m, c->f.next, error);
+    if (status == NACRE_OK) {
+        status = copy_factor(m, c->f.next, c->f.last, error);
+    }
     return status == NACRE_OK ? copy_factor(m, c->h.next, c->h.last, error) : status;
 }
 

@@ -31,7 +31,7 @@
 #endif
 #ifndef PREFETCH
 #ifdef __clang__
-#define PREFETCH 1 /* fetch the responses of the next row ahead of their use */
+#define PREFETCH 1 /* fetch the responses of the next block ahead of their use */
 #else
 #define PREFETCH 0
 #endif

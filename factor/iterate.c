@@ -41,12 +41,12 @@ static int iteration_limit(const struct conductor *c)
                                        : CHOSEN_LIMIT;
 }
 
-/* Whether the last PATIENCE iterations, on average, lowered the objective by less than `share` each. */
+/* Whether the last PATIENCE iterations, on average, lowered the objective by no more than `share` each. */
 static bool has_settled(const struct attempt *a, double share)
 {
     int last = a->known - 1, first = last - PATIENCE;
-    return share > 0 && first >= a->inherited &&
-           (double)a->history.objective[last] >
+    return first >= a->inherited &&
+           (double)a->history.objective[last] >=
                (1 - PATIENCE * share) * (double)a->history.objective[first];
 }
 

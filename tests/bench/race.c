@@ -25,23 +25,23 @@ static struct method *make(const struct opencl *opencl, const struct case_proble
     return method;
 }
 
-/* One step; returns the objective before it, which both methods find on the way. */
-static double advance(struct method *method)
+/* One step; returns the objective before it, which both methods find on the way, in the responses' own unit. */
+static double advance(struct method *method, const struct case_problem *made)
 {
     struct nacre_error error = {0};
     double objective = 0;
     if (method->ops->step(method, 0, &objective, &error) != NACRE_OK) {
         fail(error.text);
     }
-    return objective;
+    return ldexp(objective, made->responses.exponent[0]);
 }
 
-static struct moment time_updates(struct method *mu, int count)
+static struct moment time_updates(struct method *mu, const struct case_problem *made, int count)
 {
     struct nacre_error error = {0};
     struct moment start = timing_now();
     for (int i = 0; i < count; i++) {
-        (void)advance(mu);
+        (void)advance(mu, made);
     }
     if (update_wait(mu, &error) != NACRE_OK) {
         fail(error.text);
@@ -61,11 +61,11 @@ static struct moment median(const struct moment *times, int count)
 }
 
 /* One step towards the goal; whether it was reached before. */
-static bool descend(struct race *race, struct method *hals)
+static bool descend(struct race *race, const struct case_problem *made, struct method *hals)
 {
     profile_count(true);
     struct moment start = timing_now();
-    race->reached = advance(hals);
+    race->reached = advance(hals, made);
     struct moment taken = timing_since(start);
     profile_count(false);
     race->descent.wall += taken.wall;
@@ -86,12 +86,12 @@ static void take_turns(struct race *race, const struct case_problem *made, struc
     for (; turn < STEPS && (turn < TURNS || !done); turn++) {
         products[turn] = sgemm_run(&sgemm);
         if (turn < TURNS) {
-            updates[turn] = time_updates(mu, TURN);
+            updates[turn] = time_updates(mu, made, TURN);
         }
         if (done) {
             continue;
         }
-        done = descend(race, hals);
+        done = descend(race, made, hals);
         race->profile = profile_read();
         race->steps++;
     }
@@ -107,7 +107,7 @@ static void warm_up(const struct opencl *opencl, const struct case_problem *made
 {
     for (int mu = 0; mu < 2; mu++) {
         struct method *method = make(opencl, made, mu);
-        (void)advance(method);
+        (void)advance(method, made);
         (void)case_objective(made, method);
         method_free(method);
     }

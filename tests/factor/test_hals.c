@@ -132,12 +132,13 @@ static void the_first_steps_with_missing_entries_agree_with_double_precision(voi
 }
 
 /* Steps with the options in use. Returns the objective after them, in double precision from the factors themselves. */
-static double descend(struct sample *sample, int terms, int clusters, int steps)
+static double descend_with(const struct hals_options *options, struct sample *sample, int terms,
+                           int clusters, int steps)
 {
     struct nacre_error error = {0};
     struct bench b = bench_new(sample, terms, clusters, layout_lanes(&opencl));
     double previous = INFINITY, objective = 0;
-    start(&b, NULL);
+    start(&b, options);
     for (int i = 0; i < steps; i++) {
         bench_succeed(b.method->ops->step(b.method, 0, &objective, &error), &error);
         TEST_ASSERT_TRUE(isfinite(objective));
@@ -157,6 +158,11 @@ static double descend(struct sample *sample, int terms, int clusters, int steps)
     bench_reference_finish(&reference);
     bench_finish(&b);
     return exact;
+}
+
+static double descend(struct sample *sample, int terms, int clusters, int steps)
+{
+    return descend_with(NULL, sample, terms, clusters, steps);
 }
 
 static void the_objective_never_rises(void)
@@ -201,6 +207,36 @@ static void forty_steps_are_better_than_three_hundred_updates(void)
     TEST_ASSERT_TRUE(descend(&sample, 4, 1, 40) <= objective);
     bench_finish(&b);
     sample_finish(&sample);
+}
+
+/* Leave out the responses of points for which (x / unit + y / unit) is no multiple of `every`. */
+static void measure_some(struct sample *sample, int unit, int every)
+{
+    size_t area = (size_t)sample->window * (size_t)sample->window;
+    for (int y = 0; y < sample->height; y++) {
+        for (int x = 0; x < sample->width; x++) {
+            for (size_t i = 0; i < area && (x / unit + y / unit) % every != 0; i++) {
+                sample_at(sample, x, y)[i] = NAN;
+            }
+        }
+    }
+}
+
+/* Cells of points stand for their points' matrices; steps by them must get as far as exact ones, to a quarter of the
+ * objective, where all points are measured, where patches are and where single points are. */
+static void normal_matrices_of_cells_lead_as_far_as_exact_ones(void)
+{
+    static const struct hals_options exact = {.far = 0};
+    static const struct {
+        int unit, every;
+    } lattices[] = {{1, 1}, {8, 2}, {1, 2}, {1, 4}};
+    for (size_t i = 0; i < sizeof lattices / sizeof *lattices; i++) {
+        struct sample sample = sample_new(40, 33, 1, 17, 12);
+        measure_some(&sample, lattices[i].unit, lattices[i].every);
+        double expected = descend_with(&exact, &sample, 4, 1, 30);
+        TEST_ASSERT_TRUE(descend(&sample, 4, 1, 30) <= 1.25 * expected);
+        sample_finish(&sample);
+    }
 }
 
 static void what_stands_behind_the_mask_influences_nothing(void)
@@ -292,6 +328,7 @@ int main(void)
     RUN_TEST(the_first_steps_with_missing_entries_agree_with_double_precision);
     RUN_TEST(the_objective_never_rises);
     RUN_TEST(forty_steps_are_better_than_three_hundred_updates);
+    RUN_TEST(normal_matrices_of_cells_lead_as_far_as_exact_ones);
     RUN_TEST(what_stands_behind_the_mask_influences_nothing);
     RUN_TEST(two_runs_give_the_same_bits);
     RUN_TEST(awkward_sizes_stay_finite);
