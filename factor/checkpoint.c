@@ -164,7 +164,8 @@ static int read_rest(const char *path, FILE *from, const struct head *head, cons
     }
     if (fread(theirs, 1, head->identity_size, from) != head->identity_size ||
         fread(bytes, 1, head->state_size, from) != head->state_size) {
-        status = nacre_fail_errno(error, errno, "cannot read %s", path);
+        status = ferror(from) ? nacre_fail_errno(error, errno, "cannot read %s", path)
+                              : fail_damaged(path, "it is cut short", error);
         goto out;
     }
     theirs[head->identity_size] = '\0';

@@ -30,28 +30,29 @@ static size_t kernel_bytes(const struct conductor *c, int clusters)
     return (size_t)clusters * (size_t)c->responses->channels * window * window * sizeof(float);
 }
 
-/* All that was measured, however it lies in memory. */
-static unsigned long long sum_responses(const struct responses *r)
+/* All that was measured, however it lies in memory. Returns whether there was memory for it. */
+static bool sum_responses(const struct responses *r, unsigned long long *total)
 {
-    size_t area = (size_t)r->window * (size_t)r->window, points = (size_t)r->width;
-    unsigned long long total = 0;
+    size_t area = (size_t)r->window * (size_t)r->window, width = (size_t)r->width;
+    bool summed = false;
     unsigned long long *rows = calloc((size_t)r->height, sizeof *rows);
     float *windows = malloc((size_t)r->height * area * sizeof *windows);
     if (rows && windows) {
 #pragma omp parallel for
         for (int y = 0; y < r->height; y++) {
             float *window = windows + (size_t)y * area;
-            for (size_t i = 0; i < points * (size_t)r->channels; i++) {
-                responses_get(r, (int)(i / points), (int)(i % points), y, window);
+            for (size_t i = 0; i < width * (size_t)r->channels; i++) {
+                responses_get(r, (int)(i / width), (int)(i % width), y, window);
                 rows[y] = checkpoint_sum(rows[y], window, area * sizeof *window);
             }
         }
-        total = checkpoint_sum(checkpoint_sum(0, r->exponent, sizeof r->exponent), rows,
-                               (size_t)r->height * sizeof *rows);
+        *total = checkpoint_sum(checkpoint_sum(0, r->exponent, sizeof r->exponent), rows,
+                                (size_t)r->height * sizeof *rows);
+        summed = true;
     }
     free(rows);
     free(windows);
-    return total;
+    return summed;
 }
 
 static void describe_count(char *text, size_t size, int count)
@@ -67,6 +68,10 @@ static char *identify(const struct conductor *c)
     const struct factor_options *o = c->options;
     const struct responses *r = c->responses;
     char *text = NULL, terms[16], clusters[16], iterations[16];
+    unsigned long long contents = 0;
+    if (!sum_responses(r, &contents)) {
+        return NULL;
+    }
     describe_count(terms, sizeof terms, c->search.terms);
     describe_count(clusters, sizeof clusters, c->search.clusters);
     describe_count(iterations, sizeof iterations, o->iterations);
@@ -76,7 +81,7 @@ static char *identify(const struct conductor *c)
         "device: %s, %d lanes, responses as %s\n"
         "method: %s\nterms: %s\nclusters: %s\niterations: %s\ntolerance: %.9g\nerror: %.9g\n"
         "within: %.9g s\nkernel: %s\nepsilon: %.9g\nregularise: %.9g\nstore: %s\nseed: %d\n",
-        r->width, r->height, r->window, r->channels, c->pitch_mm, sum_responses(r), c->opencl->name,
+        r->width, r->height, r->window, r->channels, c->pitch_mm, contents, c->opencl->name,
         r->lanes, r->half ? "half floats" : "floats", methods[o->method], terms, clusters,
         iterations, o->tolerance, o->error, o->seconds, kernels[o->kernel], o->epsilon,
         o->regularise, stores[o->store], o->seed);
@@ -285,6 +290,9 @@ static int get_run(struct conductor *c, struct blob *blob, struct nacre_error *e
         }
         if (status == NACRE_OK) {
             status = get_states(c, blob, error);
+        }
+        if (status == NACRE_OK && tell_is_heard(&c->options->listener)) {
+            c->now.method->ops->explain(c->now.method, &c->options->listener);
         }
         c->now.seconds -= conductor_seconds(c);
         c->now_is_open = true;
