@@ -42,7 +42,7 @@ static bool has_temporary_files(void)
     return found;
 }
 
-/* Iterations without end; the signal comes long before. What stands at the output is then the material so far, or, if
+/* Updates without end, as they never quite settle; the signal comes long before. What stands at the output is then the material so far, or, if
  * the signal came before the first iteration, what was there. */
 static void a_stopped_factorization_leaves_a_whole_material(void)
 {
@@ -54,8 +54,8 @@ static void a_stopped_factorization_leaves_a_whole_material(void)
     size_t size = 0;
     made_scan_write(scan);
     text_write(output, "precious");
-    struct spawned stopped = RUN(&soon, "factor", scan, "-o", output, "--terms", "2", "--tolerance",
-                                 "0", "--iterations", "1000000");
+    struct spawned stopped = RUN(&soon, "factor", scan, "-o", output, "--method", "mu",
+                                 "--tolerance", "0", "--iterations", "1000000");
     char *left = (char *)file_read(output, &size);
     TEST_ASSERT_EQUAL_INT_MESSAGE(STOPPED, stopped.status, stopped.errors);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(stopped.errors, "stopped"), stopped.errors);
