@@ -42,8 +42,8 @@ static bool has_temporary_files(void)
     return found;
 }
 
-/* Updates without end, as they never quite settle; the signal comes long before. What stands at the output is then the material so far, or, if
- * the signal came before the first iteration, what was there. */
+/* Updates without end, as they never quite settle; the signal comes long before. What stands at the output is then the
+ * material so far, or, if the signal came before the first iteration, what was there. */
 static void a_stopped_factorization_leaves_a_whole_material(void)
 {
     char *scan = path_join(folder, "scan.exr");
