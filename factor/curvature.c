@@ -35,7 +35,7 @@ double curvature_bytes(const struct problem *problem, int near, int pairs)
     if (near >= r->window / 2) {
         return 0;
     }
-    return sizeof(float) * ((double)r->channels * 2 * (double)weight_floats(&c) +
+    return sizeof(float) * ((double)r->channels * (double)weight_floats(&c) +
                             (double)c.rows * pairs * ((double)c.stride + 2.0 * c.wide));
 }
 
@@ -77,21 +77,16 @@ static void sort_points(const struct problem *p, size_t count, size_t *first, si
     first[p->clusters] = count;
 }
 
-/* How many points, or measured points, the cell of a point has. */
-static int points_near(const struct responses *r, size_t point, bool measured)
+/* How many points the cell of a point has. */
+static int points_near(const struct responses *r, int x, int y)
 {
-    int cell_x = (int)(point % (size_t)r->width) / CURVATURE_CELL * CURVATURE_CELL;
-    int cell_y = (int)(point / (size_t)r->width) / CURVATURE_CELL * CURVATURE_CELL;
-    int count = 0;
-    for (int y = cell_y; y < cell_y + CURVATURE_CELL && y < r->height; y++) {
-        for (int x = cell_x; x < cell_x + CURVATURE_CELL && x < r->width; x++) {
-            count += !measured || r->measured[(size_t)y * (size_t)r->width + (size_t)x];
-        }
-    }
-    return count;
+    int right = r->width - x / CURVATURE_CELL * CURVATURE_CELL;
+    int below = r->height - y / CURVATURE_CELL * CURVATURE_CELL;
+    return (right < CURVATURE_CELL ? right : CURVATURE_CELL) *
+           (below < CURVATURE_CELL ? below : CURVATURE_CELL);
 }
 
-/* W(cell of the point, .) += the point's share times `scale`: [offset y][offset x][stride]. */
+/* W(cell of the point, .) += the point's part times `scale`: [offset y][offset x][stride]. */
 static void add_point(const struct curvature *v, size_t point, const double *templates,
                       double scale, float *weights)
 {
@@ -100,11 +95,12 @@ static void add_point(const struct curvature *v, size_t point, const double *tem
     const size_t side = 2 * (size_t)c->reach + 1, area = side * side;
     int x = (int)(point % (size_t)r->width), y = (int)(point / (size_t)r->width);
     int cell_x = x / CURVATURE_CELL, cell_y = y / CURVATURE_CELL;
+    int pairs = points_near(r, x, y) * CURVATURE_CELL * CURVATURE_CELL;
     int place = y % CURVATURE_CELL * CURVATURE_CELL + x % CURVATURE_CELL;
     const double *from = templates + (size_t)place * area;
     float *to = weights + (size_t)cell_y * area * (size_t)c->stride + c->pad + cell_x;
     for (size_t i = 0; i < area; i++) {
-        to[i * (size_t)c->stride] += (float)(from[i] * scale / (CURVATURE_CELL * CURVATURE_CELL));
+        to[i * (size_t)c->stride] += (float)(from[i] * scale / pairs);
     }
 }
 
@@ -118,11 +114,10 @@ static double mass_of(const double *templates, size_t area)
     return sum;
 }
 
-/* Weights of a channel, for the steps of F and H: [row][offset y][offset x][stride], and masses[height][blocks * lanes]:
- * points of a cell may have kernels of very different reach, so each weighs with its own in F's step. In H's step points
- * that were not measured weigh nothing; F is 0 there. */
-static int weigh(const struct curvature *v, int channel, float *shapes, float *weights,
-                 float *masses, struct nacre_error *error)
+/* W of a channel, [row][offset y][offset x][stride], and masses[height][blocks * lanes]. Points that were not measured
+ * count in W as others do: their F is 0, and so is what they would add in H's step. */
+static int weigh(const struct curvature *v, int channel, float *weights, float *masses,
+                 struct nacre_error *error)
 {
     const struct problem *p = v->layout->problem;
     const struct responses *r = p->responses;
@@ -148,10 +143,7 @@ static int weigh(const struct curvature *v, int channel, float *shapes, float *w
         for (size_t i = first[k]; i < first[k + 1] && mass > 0; i++) {
             size_t point = points[i];
             masses[point / (size_t)r->width * wide + point % (size_t)r->width] = (float)mass;
-            add_point(v, point, templates, 1.0 / points_near(r, point, false) / mass, shapes);
-            if (r->measured[point]) {
-                add_point(v, point, templates, 1.0 / points_near(r, point, true), weights);
-            }
+            add_point(v, point, templates, 1 / mass, weights);
         }
     }
 out:
@@ -166,24 +158,17 @@ static int place_weights(struct curvature *v, int channel, struct nacre_error *e
     const struct responses *r = v->layout->problem->responses;
     size_t count = weight_floats(&v->cells);
     size_t points = (size_t)r->height * (size_t)r->blocks * (size_t)r->lanes;
-    float *shapes = calloc(count, sizeof *shapes);
-    float *weights = calloc(count, sizeof *weights);
-    float *masses = calloc(points, sizeof *masses);
-    int status = shapes && weights && masses ? weigh(v, channel, shapes, weights, masses, error)
-                                             : nacre_fail_memory(error, "the cells' weights");
-    if (status == NACRE_OK) {
-        status = layout_make_buffer(v->layout, count * sizeof *shapes, shapes, false,
-                                    &v->channels[channel].weights[0], error);
-    }
+    float *weights = calloc(count, sizeof *weights), *masses = calloc(points, sizeof *masses);
+    int status = weights && masses ? weigh(v, channel, weights, masses, error)
+                                   : nacre_fail_memory(error, "the cells' weights");
     if (status == NACRE_OK) {
         status = layout_make_buffer(v->layout, count * sizeof *weights, weights, false,
-                                    &v->channels[channel].weights[1], error);
+                                    &v->channels[channel].weights, error);
     }
     if (status == NACRE_OK) {
         status = layout_make_buffer(v->layout, points * sizeof *masses, masses, false,
                                     &v->channels[channel].masses, error);
     }
-    free(shapes);
     free(weights);
     free(masses);
     return status;
@@ -234,8 +219,7 @@ int curvature_begin(struct curvature *v, const struct layout *layout, cl_program
 void curvature_finish(struct curvature *v)
 {
     for (int i = 0; i < RESPONSES_CHANNELS; i++) {
-        layout_release(v->channels[i].weights[0]);
-        layout_release(v->channels[i].weights[1]);
+        layout_release(v->channels[i].weights);
         layout_release(v->channels[i].masses);
     }
     layout_release(v->pooled);
@@ -251,15 +235,19 @@ void curvature_finish(struct curvature *v)
 }
 
 /* Sums of products over cells, of one factor. */
-static cl_int pool(struct curvature *v, cl_mem factor)
+static cl_int pool(struct curvature *v, int channel, cl_mem factor, cl_int outgoing)
 {
     const size_t items[] = {(size_t)v->cells.rows, (size_t)(v->pairs / (v->tile * v->tile))},
                  one[] = {1, 1};
-    cl_int status = clSetKernelArg(v->pool, 0, sizeof factor, &factor);
-    status = status ? status : clSetKernelArg(v->pool, 1, sizeof v->pooled, &v->pooled);
-    status = status ? status : clSetKernelArg(v->pool, 2, sizeof v->cells, &v->cells);
+    const cl_mem buffers[] = {factor, v->channels[channel].masses, v->pooled};
+    cl_int status = CL_SUCCESS;
+    for (cl_uint i = 0; i < 3 && status == CL_SUCCESS; i++) {
+        status = clSetKernelArg(v->pool, i, sizeof(cl_mem), &buffers[i]);
+    }
+    status = status ? status : clSetKernelArg(v->pool, 3, sizeof outgoing, &outgoing);
+    status = status ? status : clSetKernelArg(v->pool, 4, sizeof v->cells, &v->cells);
     status =
-        status ? status : clSetKernelArg(v->pool, 3, sizeof v->layout->sizes, &v->layout->sizes);
+        status ? status : clSetKernelArg(v->pool, 5, sizeof v->layout->sizes, &v->layout->sizes);
     return status ? status
                   : clEnqueueNDRangeKernel(v->layout->opencl->queue, v->pool, 2, NULL, items, one,
                                            0, NULL, NULL);
@@ -269,8 +257,7 @@ static cl_int gather(struct curvature *v, int channel, cl_int outgoing)
 {
     const size_t items[] = {(size_t)v->cells.rows, (size_t)(v->pairs / (v->tile * v->tile))},
                  one[] = {1, 1};
-    const cl_mem buffers[] = {v->channels[channel].weights[outgoing], v->pooled, v->gathered,
-                              v->far};
+    const cl_mem buffers[] = {v->channels[channel].weights, v->pooled, v->gathered, v->far};
     cl_int status = CL_SUCCESS;
     for (cl_uint i = 0; i < 4 && status == CL_SUCCESS; i++) {
         status = clSetKernelArg(v->gather, i, sizeof(cl_mem), &buffers[i]);
@@ -285,7 +272,7 @@ static cl_int gather(struct curvature *v, int channel, cl_int outgoing)
 int curvature_gather(struct curvature *v, int channel, cl_mem factor, bool outgoing,
                      struct nacre_error *error)
 {
-    cl_int status = pool(v, factor);
+    cl_int status = pool(v, channel, factor, outgoing);
     if (status == CL_SUCCESS) {
         status = gather(v, channel, outgoing);
     }

@@ -9,8 +9,9 @@
  *
  *     A_far = sum_b W(a, b) P_b,    W(a, b) = the mean of g over the pairs of their points, 0 for near pairs
  *
- * which is smooth, is interpolated between cells, and costs next to nothing. In the step of F each g is first divided by
- * the point's mass, the sum of its far part, and A_far multiplied by it again, as neighbours may differ much in reach. A only shapes the step; the gradient is exact, so the minimum is too. */
+ * which is smooth, is interpolated between cells, and costs next to nothing. As neighbours may differ much in reach, W is
+ * made of kernels divided by their mass, the sum of their far part; the step of F multiplies A_far by the point's mass,
+ * that of H each point's part of P. A only shapes the step; the gradient is exact, so the minimum is too. */
 
 #include "layout.cl"
 
@@ -58,9 +59,10 @@ INLINE struct between between_cells(int x, int count)
     return (struct between){max(low, 0), min(low + 1, count - 1), share};
 }
 
-/* pooled[row][pair][stride]: sums of h h^T over each cell. One work-item: a row of cells and a corner. */
-kernel void pool(global const float *factor, global float *pooled, const struct cells c,
-                 const struct sizes s)
+/* pooled[row][pair][stride]: sums over each cell of h h^T, or (outgoing) of f f^T times the point's mass. One work-item:
+ * a row of cells and a corner. */
+kernel void pool(global const float *factor, global const float *masses, global float *pooled,
+                 const int outgoing, const struct cells c, const struct sizes s)
 {
     const int cell_y = get_global_id(0), corner = get_global_id(1);
     int high = 0, low = corner;
@@ -71,13 +73,17 @@ kernel void pool(global const float *factor, global float *pooled, const struct 
     for (int i = 0; i < TILE; i++) {
         for (int k = 0; k < TILE; k++) {
             global float *to =
-                pooled + (cell_y * PAIRS + (corner * TILE + i) * TILE + k) * c.stride + c.pad;
+                pooled + (size_t)(cell_y * PAIRS + (corner * TILE + i) * TILE + k) * c.stride +
+                c.pad;
             for (int x = 0; x < c.columns; x++) {
                 float4 sum = 0;
                 for (int y = cell_y * CELL; y < end; y++) {
-                    global const float *row = factor + y * s.planes * s.stride + s.pad + x * CELL;
-                    sum += vload4(0, row + (high * TILE + i) * s.stride) *
-                           vload4(0, row + (low * TILE + k) * s.stride);
+                    global const float *row =
+                        factor + (size_t)y * s.planes * s.stride + s.pad + x * CELL;
+                    float4 product = vload4(0, row + (high * TILE + i) * s.stride) *
+                                     vload4(0, row + (low * TILE + k) * s.stride);
+                    sum += outgoing ? product * vload4(x, masses + (size_t)y * s.blocks * LANES)
+                                    : product;
                 }
                 to[x] = sum.s0 + sum.s1 + (sum.s2 + sum.s3);
             }

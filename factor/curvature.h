@@ -17,8 +17,7 @@ struct curvature {
     int near;        /* entries so far from the centre, in x or y, are not in the far part */
     int tile, pairs; /* side of a corner and accumulators of one matrix, as in curvature.cl */
     struct {
-        cl_mem weights[2]; /* for the steps of F and H; see curvature.cl */
-        cl_mem masses;
+        cl_mem weights, masses; /* see curvature.cl */
     } channels[RESPONSES_CHANNELS];
     cl_mem pooled, gathered, far; /* of the factor gathered last */
     cl_kernel pool, gather;
