@@ -16,7 +16,7 @@ const struct bench_case cases[] = {
     {"marble 4x4", FIELD_MARBLE, 277, 277, 39, 1, 20, 1, 0, 0},
     {"marble 4x4", FIELD_MARBLE, 277, 277, 39, 1, 20, 5, 375.2739, 143.10954},
     {"marble 4x4", FIELD_MARBLE, 277, 277, 39, 1, 20, 100, 321.08964, 125.50276},
-    {"candle", FIELD_CANDLE, 212, 154, 49, 3, 12, 100, 0, 0},
+    {"candle", FIELD_CANDLE, 212, 154, 49, 3, 12, 100, 510.21147, 221.09688},
     {0},
 };
 

@@ -66,7 +66,7 @@ static int get(struct camera_controls *controls, uint32_t id, int64_t *value)
 
 static int set(struct camera_controls *controls, uint32_t id, int64_t value)
 {
-    struct camera_control_range range;
+    struct camera_control_range range = {0};
     struct control *control = find(controls, id);
     if (!control) {
         return EINVAL;
