@@ -13,7 +13,7 @@ const struct bench_case cases[] = {
     {"candle", FIELD_CANDLE, 212, 154, 49, 1, 12, 1, 379.68765, 201.35217},
     {"candle", FIELD_CANDLE, 212, 154, 49, 1, 12, 5, 191.58168, 90.125423},
     {"candle", FIELD_CANDLE, 212, 154, 49, 1, 12, 100, 178.73176, 79.140241},
-    {"marble 4x4", FIELD_MARBLE, 277, 277, 39, 1, 20, 1, 0, 0},
+    {"marble 4x4", FIELD_MARBLE, 277, 277, 39, 1, 20, 1, 653.38498, 238.75596},
     {"marble 4x4", FIELD_MARBLE, 277, 277, 39, 1, 20, 5, 375.2739, 143.10954},
     {"marble 4x4", FIELD_MARBLE, 277, 277, 39, 1, 20, 100, 321.08964, 125.50276},
     {"candle", FIELD_CANDLE, 212, 154, 49, 3, 12, 100, 510.21147, 221.09688},
