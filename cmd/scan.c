@@ -167,9 +167,12 @@ static int lay_white_layer(void *context, bool on, struct nacre_error *error)
     return NACRE_OK;
 }
 
-static void begin_pattern(void *context, struct pattern pattern)
+static int begin_pattern(void *context, const struct sequence_moment *moment,
+                         struct nacre_error *error)
 {
-    virtual_station_begin_pattern(context, pattern);
+    (void)error; /* the virtual station is always ready */
+    virtual_station_begin_pattern(context, moment->pattern);
+    return NACRE_OK;
 }
 
 static int measure(const char *path, const struct scan_settings *settings,
@@ -180,7 +183,7 @@ static int measure(const char *path, const struct scan_settings *settings,
     struct progress progress = progress_begin("scanning", quiet);
     const struct sequence_options options = {.retries = settings->retries,
                                              .tolerance_ns = TOLERANCE_NS};
-    struct sequence_operator person = {simulated, lay_white_layer, begin_pattern};
+    struct sequence_operator person = {simulated, lay_white_layer, begin_pattern, NULL};
     struct devices devices = {.camera = virtual_station_camera(simulated),
                               .projector = virtual_station_projector(simulated),
                               .trigger = virtual_station_trigger(simulated),

@@ -53,6 +53,15 @@ static struct gpio_place place_of(const struct gpio_line_settings *line)
                                .active_low = line->active_low};
 }
 
+int devices_open_projector(const struct station *station, struct clock *clock,
+                           struct projector **projector, struct nacre_error *error)
+{
+    (void)station;
+    (void)clock;
+    *projector = NULL;
+    return refuse_virtual("projector", error);
+}
+
 /* A wheel that shows no index for three turns, or a second, stands still. */
 static int64_t index_limit_ns(double wheel_hz)
 {
@@ -87,4 +96,35 @@ int devices_open_trigger(const struct station *station, struct clock *clock,
     default:
         return refuse_virtual("trigger", error);
     }
+}
+
+int devices_open(const struct station *station, struct clock *clock, struct devices *devices,
+                 struct nacre_error *error)
+{
+    *devices = (struct devices){.clock = clock};
+    int status = devices_open_projector(station, clock, &devices->projector, error);
+    if (status == NACRE_OK) {
+        status = devices_open_camera(station, clock, &devices->camera, error);
+    }
+    if (status == NACRE_OK) {
+        status = devices_open_trigger(station, clock, &devices->trigger, error);
+    }
+    if (status != NACRE_OK) {
+        devices_close(devices);
+    }
+    return status;
+}
+
+void devices_close(struct devices *devices)
+{
+    if (devices->trigger) {
+        devices->trigger->ops->close(devices->trigger);
+    }
+    if (devices->camera) {
+        devices->camera->ops->close(devices->camera);
+    }
+    if (devices->projector) {
+        devices->projector->ops->close(devices->projector);
+    }
+    *devices = (struct devices){0};
 }

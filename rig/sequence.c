@@ -169,10 +169,14 @@ static int expose_once(struct run *run, struct exposure *exposure, struct nacre_
 /* Expose until a frame is beyond doubt. */
 static int expose(struct run *run, struct exposure *exposure, struct nacre_error *error)
 {
-    int status = expose_once(run, exposure, error);
-    for (int i = 0; i < run->options->retries && status == NACRE_FAILED; i++) {
-        run->result->retries++;
+    const struct sequence_operator *person = run->person;
+    int status = NACRE_FAILED;
+    for (int i = 0; i <= run->options->retries && status == NACRE_FAILED; i++) {
+        run->result->retries += i > 0;
         status = expose_once(run, exposure, error);
+        if (person->exposure_ends) {
+            person->exposure_ends(person->context);
+        }
     }
     if (status == NACRE_OK) {
         run->result->exposures++;
@@ -237,9 +241,6 @@ static int measure(struct run *run, struct pattern pattern, struct nacre_error *
     if (status != NACRE_OK) {
         goto out;
     }
-    if (run->person->pattern_begins) {
-        run->person->pattern_begins(run->person->context, pattern);
-    }
     plan_draw(&run->session->plan, pattern, projector->width, projector->height, run->levels);
     status = projector->ops->show(projector, run->levels, &flip_ns, error);
     for (size_t i = 0; i < frames.count && status == NACRE_OK; i++) {
@@ -259,6 +260,15 @@ out:
     return status;
 }
 
+/* Let the person know, and pause or stop where they want it. */
+static int begin_pattern(struct run *run, const struct sequence_moment *moment,
+                         struct nacre_error *error)
+{
+    const struct sequence_operator *person = run->person;
+    return person->pattern_begins ? person->pattern_begins(person->context, moment, error)
+                                  : NACRE_OK;
+}
+
 static int measure_missing(struct run *run, const struct pattern *patterns, size_t count,
                            size_t missing, struct progress *progress, struct nacre_error *error)
 {
@@ -273,6 +283,10 @@ static int measure_missing(struct run *run, const struct pattern *patterns, size
                        pattern_kind_names[patterns[i].kind], patterns[i].number,
                        run->result->retries);
         int status = progress_step(progress, (double)done, (double)missing, detail, error);
+        if (status == NACRE_OK) {
+            struct sequence_moment moment = {patterns[i], done, missing, run->result->retries};
+            status = begin_pattern(run, &moment, error);
+        }
         if (status == NACRE_OK) {
             status = measure(run, patterns[i], error);
         }

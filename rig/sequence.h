@@ -3,20 +3,16 @@
 #ifndef RIG_SEQUENCE_H
 #define RIG_SEQUENCE_H
 
-#include "base/clock.h"
 #include "base/progress.h"
 #include "nacre/error.h"
-#include "rig/camera.h"
-#include "rig/projector.h"
+#include "rig/devices.h"
 #include "rig/session.h"
-#include "rig/trigger.h"
 
-/* All four live on the same clock. */
-struct devices {
-    struct camera *camera;
-    struct projector *projector;
-    struct trigger *trigger;
-    struct clock *clock;
+/* Where a run is when a pattern begins. */
+struct sequence_moment {
+    struct pattern pattern;  /* the next one */
+    size_t measured, wanted; /* patterns: measured in this run, and all that it was to measure */
+    size_t retries;          /* so far */
 };
 
 /* What only a person (or the virtual station) can do, and what it wants to know. */
@@ -25,8 +21,12 @@ struct sequence_operator {
     /* Lay the white diffuse layer on the sample or take it off, and return when it is done. Called
      * before the first pattern and whenever the layer must change. */
     int (*white_layer)(void *context, bool on, struct nacre_error *error);
-    /* `pattern` is shown and exposed next. May be NULL. */
-    void (*pattern_begins)(void *context, struct pattern pattern);
+    /* A pattern is shown and exposed next. May take its time, for a pause; NACRE_CANCELLED stops the run, with whole
+     * files only. May be NULL. */
+    int (*pattern_begins)(void *context, const struct sequence_moment *moment,
+                          struct nacre_error *error);
+    /* An exposure was tried, taken or not: a sign of life. May be NULL. */
+    void (*exposure_ends)(void *context);
 };
 
 struct sequence_options {

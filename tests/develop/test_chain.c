@@ -72,9 +72,11 @@ static int lay(void *context, bool on, struct nacre_error *unused)
 }
 
 /* Without it every frame has the same noise. */
-static void begin(void *context, struct pattern pattern)
+static int begin(void *context, const struct sequence_moment *moment, struct nacre_error *unused)
 {
-    virtual_station_begin_pattern(context, pattern);
+    (void)unused;
+    virtual_station_begin_pattern(context, moment->pattern);
+    return NACRE_OK;
 }
 
 /* Scan the sample with a station of these properties into FOLDER/session. */
@@ -104,7 +106,7 @@ static void scan(const char *sensor, double vignetting, double roll_deg)
     struct devices devices = {virtual_station_camera(simulated),
                               virtual_station_projector(simulated),
                               virtual_station_trigger(simulated), virtual_station_clock(simulated)};
-    struct sequence_operator person = {simulated, lay, begin};
+    struct sequence_operator person = {simulated, lay, begin, NULL};
     struct sequence_options options = {0, 2000000};
     must(sequence_run(&devices, &session, &person, &options, NULL, &result, &error));
     virtual_station_free(simulated);

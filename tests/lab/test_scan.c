@@ -109,7 +109,7 @@ void tearDown(void)
 
 static int scan(int retries)
 {
-    const struct sequence_operator person = {NULL, lay_white_layer, NULL};
+    const struct sequence_operator person = {.white_layer = lay_white_layer};
     const struct sequence_options options = {.retries = retries, .tolerance_ns = 0};
     return sequence_run(&devices, &session, &person, &options, NULL, &result, &error);
 }

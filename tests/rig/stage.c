@@ -179,13 +179,16 @@ static int lay_white_layer(void *context, bool on, struct nacre_error *error)
     return NACRE_OK;
 }
 
-static void begin_pattern(void *context, struct pattern pattern)
+static int begin_pattern(void *context, const struct sequence_moment *moment,
+                         struct nacre_error *error)
 {
+    (void)error;
     struct operator_log *log = context;
     if (++log->begun == log->raise_at) {
         (void)raise(SIGINT);
     }
-    virtual_station_begin_pattern(log->station, pattern);
+    virtual_station_begin_pattern(log->station, moment->pattern);
+    return NACRE_OK;
 }
 
 int stage_scan(const struct session *session, enum fault fault, int when, int retries,
@@ -193,7 +196,7 @@ int stage_scan(const struct session *session, enum fault fault, int when, int re
 {
     struct virtual_station *station = NULL;
     const struct sequence_options options = {.retries = retries, .tolerance_ns = 2000000};
-    struct sequence_operator person = {log, lay_white_layer, begin_pattern};
+    struct sequence_operator person = {log, lay_white_layer, begin_pattern, NULL};
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, virtual_station_new(&session->station, &station, error),
                                   error->text);
     struct faulty_camera camera = faulty_camera(virtual_station_camera(station), fault, when);
