@@ -7,6 +7,8 @@
 
 const char *const pattern_kind_names[] = {"black", "white", "dots", "grid", NULL};
 
+static const char *const orders[] = {"random", "sequential", NULL};
+
 /* Many patterns are a mistake long before they are 10^6, where frame names would grow. */
 enum { SPACING_MAXIMUM = 512, EXPOSURES_MAXIMUM = 64 };
 
@@ -16,6 +18,12 @@ static const struct settings_field fields[] = {
      .offset = offsetof(struct plan, seed),
      .maximum = INT_MAX,
      .sentence = "of the random order of the grids"},
+    {.key = "order",
+     .kind = SETTINGS_CHOICE,
+     .offset = offsetof(struct plan, order),
+     .words = orders,
+     .fallback = "random",
+     .sentence = "in which the grids are shown; in random order a lamp's drift becomes noise"},
     {.key = "black_frames",
      .kind = SETTINGS_INT,
      .offset = offsetof(struct plan, black_frames),
@@ -215,7 +223,7 @@ int plan_order(const struct plan *plan, struct pattern **patterns, size_t *count
         for (int n = 0; n < plan_pattern_count(plan, kinds[k]); n++) {
             (*patterns)[used++] = (struct pattern){.kind = kinds[k], .number = n};
         }
-        if (kinds[k] == PATTERN_GRID) {
+        if (kinds[k] == PATTERN_GRID && plan->order == GRID_ORDER_RANDOM) {
             shuffle(*patterns + first, used - first, (uint64_t)plan->seed);
         }
     }

@@ -22,8 +22,11 @@ enum pattern_kind {
 /* Names in the order of the enum: "black", "white", "dots", "grid". */
 extern const char *const pattern_kind_names[];
 
+enum grid_order { GRID_ORDER_RANDOM, GRID_ORDER_SEQUENTIAL };
+
 struct plan {
     int seed;               /* of the random order */
+    int order;              /* enum grid_order */
     int black_frames;       /* HDR frames of the black pattern */
     int white_frames;       /* HDR frames of the white pattern */
     int dot_spacing;        /* projector pixels between dots */
@@ -56,8 +59,8 @@ bool pattern_kind_wants_white_layer(enum pattern_kind kind);
 int plan_pattern_count(const struct plan *plan, enum pattern_kind kind);
 
 /* The order of showing: patterns[sum of counts] on the heap. White and dots first (with the white
- * layer on), then black and all grids (bare sample), the grids shuffled by the seed; the same for
- * the same plan everywhere. */
+ * layer on), then black and all grids (bare sample), the grids shuffled by the seed unless the plan
+ * wants them by number; the same for the same plan everywhere. */
 int plan_order(const struct plan *plan, struct pattern **patterns, size_t *count,
                struct nacre_error *error);
 

@@ -140,6 +140,22 @@ static void order_depends_on_the_seed_alone(void)
     plan_finish(&plan);
 }
 
+static void sequential_order_shows_the_grids_by_number(void)
+{
+    struct plan plan;
+    struct pattern *patterns;
+    size_t count;
+    read_stage_plan(&plan);
+    TEST_ASSERT_EQUAL_INT(GRID_ORDER_RANDOM, plan.order);
+    plan.order = GRID_ORDER_SEQUENTIAL;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, plan_order(&plan, &patterns, &count, &error));
+    for (int i = 0; i < STAGE_GRIDS; i++) {
+        TEST_ASSERT_EQUAL_INT(i, patterns[count - STAGE_GRIDS + (size_t)i].number);
+    }
+    free(patterns);
+    plan_finish(&plan);
+}
+
 /* The order is part of the contract between versions and machines: these numbers were written down when it was made. */
 static void order_of_a_seed_stays_for_ever(void)
 {
@@ -226,6 +242,7 @@ int main(void)
     RUN_TEST(order_shows_every_pattern_once);
     RUN_TEST(order_changes_the_white_layer_once);
     RUN_TEST(order_depends_on_the_seed_alone);
+    RUN_TEST(sequential_order_shows_the_grids_by_number);
     RUN_TEST(order_of_a_seed_stays_for_ever);
     RUN_TEST(grids_cover_the_sample_for_awkward_sizes);
     RUN_TEST(white_lights_all_and_black_nothing);
