@@ -1,8 +1,9 @@
 /* nacre scan: a whole acquisition in this process. */
 #include "cmd/json_print.h"
+#include "cmd/stand.h"
 #include "cmd/verbs.h"
+#include "rig/person.h"
 #include "rig/sequence.h"
-#include "rig/virtual/virtual.h"
 
 #include <errno.h>
 #include <jansson.h>
@@ -175,48 +176,45 @@ static int begin_pattern(void *context, const struct sequence_moment *moment,
     return NACRE_OK;
 }
 
-static int measure(const char *path, const struct scan_settings *settings,
-                   struct virtual_station *simulated, bool quiet, struct sequence_result *result,
-                   struct nacre_error *error)
+/* Who lays the white layer on and takes it off: the virtual station itself, or the person at a real one. */
+static struct sequence_operator operator_of(struct stand *stand, struct person *person)
+{
+    if (stand->simulated) {
+        return (struct sequence_operator){.context = stand->simulated,
+                                          .white_layer = lay_white_layer,
+                                          .pattern_begins = begin_pattern};
+    }
+    return (struct sequence_operator){.context = person,
+                                      .white_layer = person_white_layer,
+                                      .layer_doubted = person_layer_doubted};
+}
+
+static int measure(const char *path, const struct scan_settings *settings, struct stand *stand,
+                   struct person *person, struct sequence_result *result, struct nacre_error *error)
 {
     struct session session = {0};
-    struct progress progress = progress_begin("scanning", quiet);
     const struct sequence_options options = {.retries = settings->retries,
                                              .tolerance_ns = TOLERANCE_NS};
-    struct sequence_operator person = {simulated, lay_white_layer, begin_pattern, NULL};
-    struct devices devices = {.camera = virtual_station_camera(simulated),
-                              .projector = virtual_station_projector(simulated),
-                              .trigger = virtual_station_trigger(simulated),
-                              .clock = virtual_station_clock(simulated)};
+    const struct sequence_operator who = operator_of(stand, person);
     int status =
         session_create(path, settings->station, settings->plan, settings->resume, &session, error);
     if (status == NACRE_OK) {
-        status = sequence_run(&devices, &session, &person, &options, &progress, result, error);
+        status = sequence_run(&stand->devices, &session, &who, &options, person->progress, result,
+                              error);
     }
-    progress_end(&progress);
+    progress_end(person->progress);
     session_finish(&session);
     return status;
 }
 
-/* Ask for the disk and open the devices first: where one fails, no session is begun. All of them are virtual, the one driver that station
- * files of this build can name. */
-static int scan(const char *path, const struct scan_settings *settings,
-                const struct invocation *invocation, struct nacre_error *error)
+/* Ask for the disk and open the devices first: where one fails, no session is begun. */
+static int prepare(const char *path, const struct scan_settings *settings, struct stand *stand,
+                   struct nacre_error *error)
 {
-    struct virtual_station *simulated = NULL;
     struct session wanted = {0};
-    struct sequence_result result;
     struct sequence_needs needs;
     int status = read_settings(path, settings, &wanted, error);
     if (status != NACRE_OK) {
-        goto out;
-    }
-    if (!station_is_virtual(&wanted.station)) {
-        status = nacre_fail(
-            error,
-            "%s: a scan needs camera, projector and trigger all real or all virtual, and "
-            "there is no driver yet for a real projector",
-            settings->station ? settings->station : path);
         goto out;
     }
     status = sequence_estimate(&wanted.station, &wanted.plan, settings->resume ? &wanted : NULL,
@@ -228,18 +226,35 @@ static int scan(const char *path, const struct scan_settings *settings,
     if (status != NACRE_OK) {
         goto out;
     }
-    status = virtual_station_new(&wanted.station, &simulated, error);
+    status = stand_open(&wanted.station, stand, error);
+out:
+    session_finish(&wanted);
+    return status;
+}
+
+static int scan(const char *path, const struct scan_settings *settings,
+                const struct invocation *invocation, struct nacre_error *error)
+{
+    struct stand stand = {0};
+    struct progress progress = progress_begin("scanning", invocation->quiet);
+    struct person person;
+    struct sequence_result result;
+    int status = person_begin(&person, &progress, error);
+    if (status != NACRE_OK) {
+        return status;
+    }
+    status = prepare(path, settings, &stand, error);
     if (status != NACRE_OK) {
         goto out;
     }
-    status = measure(path, settings, simulated, invocation->quiet, &result, error);
+    status = measure(path, settings, &stand, &person, &result, error);
     if (status != NACRE_OK) {
         goto out;
     }
     status = print_result(&result, invocation->json, error);
 out:
-    virtual_station_free(simulated);
-    session_finish(&wanted);
+    stand_close(&stand);
+    person_end(&person);
     return status;
 }
 

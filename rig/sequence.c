@@ -193,6 +193,7 @@ static int lay_white_layer(struct run *run, enum pattern_kind kind, struct nacre
     int status = NACRE_OK;
     if (!run->layer_known || run->layer_on != on) {
         status = run->person->white_layer(run->person->context, on, error);
+        status = status == SEQUENCE_INSISTED ? NACRE_OK : status;
         run->layer_known = status == NACRE_OK;
         run->layer_on = on;
     }

@@ -15,11 +15,15 @@ struct sequence_moment {
     size_t retries;          /* so far */
 };
 
+/* What white_layer may return besides a nacre_status. */
+enum { SEQUENCE_INSISTED = 1 };
+
 /* What only a person (or the virtual station) can do, and what it wants to know. */
 struct sequence_operator {
     void *context;
     /* Lay the white diffuse layer on the sample or take it off, and return when it is done. Called
-     * before the first pattern and whenever the layer must change. */
+     * before the first pattern and whenever the layer must change. May return SEQUENCE_INSISTED
+     * instead of NACRE_OK: it is so, whatever a check frame shows. */
     int (*white_layer)(void *context, bool on, struct nacre_error *error);
     /* A pattern is shown and exposed next. May take its time, for a pause; NACRE_CANCELLED stops the run, with whole
      * files only. May be NULL. */
@@ -27,6 +31,9 @@ struct sequence_operator {
                           struct nacre_error *error);
     /* An exposure was tried, taken or not: a sign of life. May be NULL. */
     void (*exposure_ends)(void *context);
+    /* A check frame does not show what white_layer said; `why` is a sentence without a full stop.
+     * white_layer is called again next. May be NULL. */
+    void (*layer_doubted)(void *context, const char *why);
 };
 
 struct sequence_options {

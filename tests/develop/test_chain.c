@@ -106,8 +106,9 @@ static void scan(const char *sensor, double vignetting, double roll_deg)
     struct devices devices = {virtual_station_camera(simulated),
                               virtual_station_projector(simulated),
                               virtual_station_trigger(simulated), virtual_station_clock(simulated)};
-    struct sequence_operator person = {simulated, lay, begin, NULL};
-    struct sequence_options options = {0, 2000000};
+    struct sequence_operator person = {
+        .context = simulated, .white_layer = lay, .pattern_begins = begin};
+    struct sequence_options options = {.tolerance_ns = 2000000};
     must(sequence_run(&devices, &session, &person, &options, NULL, &result, &error));
     virtual_station_free(simulated);
     session_finish(&session);

@@ -196,7 +196,8 @@ int stage_scan(const struct session *session, enum fault fault, int when, int re
 {
     struct virtual_station *station = NULL;
     const struct sequence_options options = {.retries = retries, .tolerance_ns = 2000000};
-    struct sequence_operator person = {log, lay_white_layer, begin_pattern, NULL};
+    struct sequence_operator person = {
+        .context = log, .white_layer = lay_white_layer, .pattern_begins = begin_pattern};
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, virtual_station_new(&session->station, &station, error),
                                   error->text);
     struct faulty_camera camera = faulty_camera(virtual_station_camera(station), fault, when);
