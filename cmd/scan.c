@@ -108,9 +108,6 @@ static int read_settings(const char *path, const struct scan_settings *settings,
     if (settings->resume && !settings->station) {
         return session_open(path, session, error);
     }
-    if (!settings->station) {
-        return nacre_fail(error, "%s: a new session needs a station file (--station)", path);
-    }
     session->path = strdup(path);
     if (!session->path) {
         return nacre_fail_memory(error, "a path");
@@ -263,8 +260,13 @@ static int run(const void *values, const struct invocation *invocation, struct n
     const struct scan_settings *settings = values;
     const char *path = invocation->operands[0];
     if (settings->plan && !settings->station) {
-        return nacre_fail(error,
-                          "--plan: needs --station too; a session keeps the plan it began with");
+        (void)nacre_fail(error,
+                         "--plan: needs --station too; a session keeps the plan it began with");
+        return OPTIONS_WRONG_USAGE;
+    }
+    if (!settings->station && !settings->resume) {
+        (void)nacre_fail(error, "%s: a new session needs a station file (--station)", path);
+        return OPTIONS_WRONG_USAGE;
     }
     return settings->dry_run ? dry_run(path, settings, invocation->json, error)
                              : scan(path, settings, invocation, error);

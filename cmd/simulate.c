@@ -264,13 +264,15 @@ static int run(const void *given, const struct invocation *invocation, struct na
     struct solver_choice choice = {0};
     int status = NACRE_OK;
     if (!settings->output && !settings->explain && !settings->picture) {
-        return nacre_fail(error, "nothing to make; give -o SCAN, --picture IMAGE or --explain");
+        (void)nacre_fail(error, "nothing to make; give -o SCAN, --picture IMAGE or --explain");
+        return OPTIONS_WRONG_USAGE;
     }
     if (settings->window % 2 == 0) {
         return nacre_fail(error, "--window %d: must be odd", settings->window);
     }
     if (settings->explain && invocation->json && settings->output) {
-        return nacre_fail(error, "--json prints one result; give --explain or -o, not both");
+        (void)nacre_fail(error, "--json prints one result; give --explain or -o, not both");
+        return OPTIONS_WRONG_USAGE;
     }
     status = sample_read(path, &sample, error);
     if (!status) {

@@ -292,7 +292,9 @@ static int run_verb(const struct program *program, const struct verb *verb, int 
     } else {
         progress_catch_signals();
         int result = verb->run(settings, &invocation, &error);
-        if (result != NACRE_OK) {
+        if (result == OPTIONS_WRONG_USAGE) {
+            status = wrong_usage(program, verb, &error);
+        } else if (result != NACRE_OK) {
             (void)fflush(
                 stdout); /* what there is comes before the error; finish_output checks it */
             print_error(program, verb, &error);

@@ -52,7 +52,8 @@ struct verb {
     int operand_minimum, operand_maximum;
     const struct option_spec *options;
     size_t settings_size;
-    /* Do it. Returns a nacre_status; the error is printed by the caller. */
+    /* Do it. Returns a nacre_status, or OPTIONS_WRONG_USAGE where the options do not go together or one that is needed
+     * is missing; the error is printed by the caller. */
     int (*run)(const void *settings, const struct invocation *invocation,
                struct nacre_error *error);
 };
@@ -69,6 +70,9 @@ int options_run(const struct program *program, int argc, char **argv);
 
 /* A well-formed number that is not allowed: bad input (exit 1) rather than wrong usage (exit 2). */
 enum { OPTIONS_OUT_OF_RANGE = -3 };
+
+/* A verb's own finding of wrong usage (exit 2). */
+enum { OPTIONS_WRONG_USAGE = -4 };
 
 /* Parse one verb's arguments (argv[0] is ignored). `settings` is zeroed memory of settings_size and gets the defaults
  * first. A wrong option or value fails with a text that names it and says what would be right. `*wants_help` is set by

@@ -275,6 +275,9 @@ static void more_clusters_than_points_are_refused(void)
 static void arguments_left_out_are_wrong_usage(void)
 {
     REFUSES(WRONG_USAGE, "SESSION", "scan");
+    REFUSES(WRONG_USAGE, "--station", "scan", output("session"));
+    REFUSES(WRONG_USAGE, "--station", "scan", output("session"), "--dry-run");
+    REFUSES(WRONG_USAGE, "-o SCAN", "simulate", input("sample.yaml"));
     REFUSES(WRONG_USAGE, "SCAN", "factor");
     REFUSES(WRONG_USAGE, "--output", "factor", input("scan.exr"));
     REFUSES(WRONG_USAGE, "--output", "develop", input("session"));
@@ -289,6 +292,14 @@ static void unknown_verbs_and_options_are_wrong_usage(void)
     REFUSES(WRONG_USAGE, "factor", "facter", input("scan.exr"));
     REFUSES(WRONG_USAGE, "--terms", "factor", input("scan.exr"), "-o", output("out.exr"), "--term5",
             "3");
+}
+
+static void options_that_do_not_go_together_are_wrong_usage(void)
+{
+    REFUSES(WRONG_USAGE, "--plan", "scan", input("session"), "--resume", "--plan",
+            input("plan.yaml"));
+    REFUSES(WRONG_USAGE, "--json", "simulate", input("sample.yaml"), "--explain", "--json", "-o",
+            output("out.exr"));
 }
 
 static void an_unknown_device_is_refused(void)
@@ -482,6 +493,7 @@ int main(int argc, char **argv)
     RUN_TEST(more_clusters_than_points_are_refused);
     RUN_TEST(arguments_left_out_are_wrong_usage);
     RUN_TEST(unknown_verbs_and_options_are_wrong_usage);
+    RUN_TEST(options_that_do_not_go_together_are_wrong_usage);
     RUN_TEST(an_unknown_device_is_refused);
     RUN_TEST(an_output_folder_that_does_not_exist_is_refused);
     RUN_TEST(an_output_folder_that_cannot_be_written_is_refused);
