@@ -55,24 +55,24 @@ _Noreturn static void become(const char *const *arguments, int output, int error
     _exit(99);
 }
 
-static void sleep_ms(int time_ms)
+static void sleep_us(int64_t time_us)
 {
-    struct timespec wait = {.tv_sec = time_ms / 1000, .tv_nsec = time_ms % 1000 * 1000000L};
+    struct timespec wait = {.tv_sec = time_us / 1000000, .tv_nsec = time_us % 1000000 * 1000};
     (void)nanosleep(&wait, NULL);
 }
 
-/* Send SIGINT as the circumstances want; a file that never comes is waited for in vain for a minute. */
+/* Send the signal as the circumstances want; a file that never comes is waited for in vain for a minute. */
 static void interrupt(pid_t child, const struct circumstances *around)
 {
     for (int i = 0; around->interrupt_path && i < 6000; i++) {
         if (access(around->interrupt_path, F_OK) == 0) {
             break;
         }
-        sleep_ms(10);
+        sleep_us(10000);
     }
-    if (around->interrupt_path || around->interrupt_ms) {
-        sleep_ms(around->interrupt_ms);
-        (void)kill(child, SIGINT);
+    if (around->interrupt_path || around->interrupt_ms || around->interrupt_us) {
+        sleep_us((int64_t)around->interrupt_ms * 1000 + around->interrupt_us);
+        (void)kill(child, around->signal ? around->signal : SIGINT);
     }
 }
 

@@ -17,6 +17,8 @@ struct circumstances {
     size_t file_limit;          /* no file may grow beyond so many bytes */
     const char *interrupt_path; /* SIGINT once this file exists, ... */
     int interrupt_ms;           /* ... and so long afterwards */
+    int interrupt_us;           /* added to that */
+    int signal;                 /* another in place of SIGINT; 0: none */
 };
 
 /* Run arguments[0], found by path, to its end; the list ends with NULL. `around` may be NULL. */
