@@ -2,6 +2,7 @@
 #include "rig/devices.h"
 
 #include "rig/camera_v4l2.h"
+#include "rig/projector_egl.h"
 #include "rig/trigger_gpio.h"
 #include "rig/trigger_none.h"
 #include "rig/trigger_usb.h"
@@ -56,10 +57,17 @@ static struct gpio_place place_of(const struct gpio_line_settings *line)
 int devices_open_projector(const struct station *station, struct clock *clock,
                            struct projector **projector, struct nacre_error *error)
 {
-    (void)station;
-    (void)clock;
-    *projector = NULL;
-    return refuse_virtual("projector", error);
+    const struct egl_settings *own = &station->projector.egl;
+    if (station->projector.driver != PROJECTOR_DRIVER_EGL) {
+        *projector = NULL;
+        return refuse_virtual("projector", error);
+    }
+    const struct projector_egl_settings settings = {
+        .display = {.device = own->device, .connector = own->connector, .mode = own->mode},
+        .region = {own->left, own->top, station->sample.width, station->sample.height},
+        .latency_ns = llround(own->latency_ms * 1e6),
+        .period_ns = llround(1e9 / station->projector.wheel_hz)};
+    return projector_egl_new(&settings, clock, projector, error);
 }
 
 /* A wheel that shows no index for three turns, or a second, stands still. */

@@ -76,6 +76,42 @@ const struct settings_schema v4l2_settings_schema = {.what = "v4l2",
                                                      .fields = v4l2_fields,
                                                      .line_offset = OFFSET(v4l2_settings, line)};
 
+static const struct settings_field egl_fields[] = {
+    {.key = "device",
+     .kind = SETTINGS_STRING,
+     .offset = OFFSET(egl_settings, device),
+     .sentence = "the graphics card's device node; without it the first with the connector"},
+    {.key = "connector",
+     .kind = SETTINGS_STRING,
+     .offset = OFFSET(egl_settings, connector),
+     .sentence = "the projector's connector; without it the one that is connected"},
+    {.key = "mode",
+     .kind = SETTINGS_STRING,
+     .offset = OFFSET(egl_settings, mode),
+     .sentence = "size and refresh, 1920x1080@60; without it what the projector prefers"},
+    {.key = "left",
+     .kind = SETTINGS_INT,
+     .offset = OFFSET(egl_settings, left),
+     .maximum = 32768,
+     .sentence = "first of the projector's pixels in x that lights the sample"},
+    {.key = "top",
+     .kind = SETTINGS_INT,
+     .offset = OFFSET(egl_settings, top),
+     .maximum = 32768,
+     .sentence = "first of its pixels in y"},
+    {.key = "latency_ms",
+     .kind = SETTINGS_REAL,
+     .offset = OFFSET(egl_settings, latency_ms),
+     .maximum = 1000,
+     .fallback = "50",
+     .sentence = "from the refresh that sends a pattern until it is whole on the glass"},
+    {0}};
+
+const struct settings_schema egl_settings_schema = {.what = "egl",
+                                                    .size = sizeof(struct egl_settings),
+                                                    .fields = egl_fields,
+                                                    .line_offset = OFFSET(egl_settings, line)};
+
 static const struct settings_field line_fields[] = {
     {.key = "line",
      .kind = SETTINGS_STRING,

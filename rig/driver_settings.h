@@ -1,4 +1,5 @@
-/* The keys of a station file that are for one driver alone: `v4l2` of a camera, `gpio` of a trigger. Data only. */
+/* The keys of a station file that are for one driver alone: `v4l2` of a camera, `egl` of a projector,
+ * `gpio` of a trigger. Data only. */
 #ifndef RIG_DRIVER_SETTINGS_H
 #define RIG_DRIVER_SETTINGS_H
 
@@ -19,6 +20,15 @@ struct v4l2_settings {
     int line;          /* of the key in its file; 0: it is left out */
 };
 
+struct egl_settings {
+    char *device;      /* node of the graphics card; NULL: the first with the connector */
+    char *connector;   /* "HDMI-A-1"; NULL: the one that is connected */
+    char *mode;        /* "1920x1080@60"; NULL: the preferred one */
+    int left, top;     /* first pixel of the sample's region */
+    double latency_ms; /* from the refresh that sends a pattern until it is whole on the glass */
+    int line;          /* of the key in its file; 0: it is left out */
+};
+
 struct gpio_line_settings {
     char *line; /* by its name, or */
     char *chip; /* by the chip's path, name or label ... */
@@ -34,6 +44,6 @@ struct gpio_settings {
     int line;                         /* of the key in its file; 0: it is left out */
 };
 
-extern const struct settings_schema v4l2_settings_schema, gpio_settings_schema;
+extern const struct settings_schema v4l2_settings_schema, egl_settings_schema, gpio_settings_schema;
 
 #endif

@@ -9,7 +9,7 @@
 #include <unistd.h>
 
 static const char *const camera_drivers[] = {"virtual", "v4l2", NULL};
-static const char *const projector_drivers[] = {"virtual", NULL};
+static const char *const projector_drivers[] = {"virtual", "egl", NULL};
 static const char *const trigger_drivers[] = {"virtual", "usb", "gpio", "none", NULL};
 
 static const struct settings_field sample_fields[] = {
@@ -112,6 +112,11 @@ static const struct settings_field projector_fields[] = {
      .maximum = 10000,
      .required = true,
      .sentence = "turns of the colour wheel a second; exposures are multiples of one turn"},
+    {.key = "egl",
+     .kind = SETTINGS_STRUCT,
+     .offset = offsetof(struct station_projector, egl),
+     .schema = &egl_settings_schema,
+     .sentence = "what the driver egl needs to know"},
     {0}};
 
 static const struct settings_schema projector_schema = {
@@ -236,6 +241,6 @@ void station_finish(struct station *station)
 bool station_is_virtual(const struct station *station)
 {
     return station->camera.driver == CAMERA_DRIVER_VIRTUAL &&
-           station->projector.driver == DRIVER_VIRTUAL &&
+           station->projector.driver == PROJECTOR_DRIVER_VIRTUAL &&
            station->trigger.driver == TRIGGER_DRIVER_VIRTUAL;
 }

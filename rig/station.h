@@ -11,8 +11,8 @@
 #include <stdbool.h>
 
 /* Values of each `driver`: indices into the names of the station schema, of which the first is always virtual. */
-enum { DRIVER_VIRTUAL };
 enum camera_driver { CAMERA_DRIVER_VIRTUAL, CAMERA_DRIVER_V4L2 };
+enum projector_driver { PROJECTOR_DRIVER_VIRTUAL, PROJECTOR_DRIVER_EGL };
 enum trigger_driver {
     TRIGGER_DRIVER_VIRTUAL,
     TRIGGER_DRIVER_USB,
@@ -37,8 +37,9 @@ struct station_camera {
 };
 
 struct station_projector {
-    int driver;      /* DRIVER_VIRTUAL */
-    double wheel_hz; /* turns of the colour wheel a second; exposures are whole turns */
+    int driver;              /* enum projector_driver */
+    double wheel_hz;         /* turns of the colour wheel a second; exposures are whole turns */
+    struct egl_settings egl; /* of the driver egl */
 };
 
 struct station_trigger {

@@ -3,6 +3,7 @@
 
 #include "rig/camera_format.h"
 #include "rig/camera_v4l2.h"
+#include "rig/display_choice.h"
 
 static int check_levels(const char *path, const struct station_camera *camera,
                         struct nacre_error *error)
@@ -52,6 +53,16 @@ static int check_v4l2(const char *path, const struct station *station, struct na
     return NACRE_OK;
 }
 
+static int check_egl(const char *path, const struct egl_settings *own, struct nacre_error *error)
+{
+    struct display_mode_wish wish;
+    int status = own->mode ? display_mode_parse(own->mode, &wish, error) : NACRE_OK;
+    if (status != NACRE_OK) {
+        return nacre_fail_within(error, "%s:%d: projector.egl.mode", path, own->line);
+    }
+    return NACRE_OK;
+}
+
 static int check_gpio(const char *path, const struct gpio_settings *own, struct nacre_error *error)
 {
     const struct gpio_line_settings *lines[] = {&own->output, &own->index};
@@ -78,6 +89,9 @@ int station_check(const char *path, const struct station *station, struct nacre_
     int status = check_levels(path, &station->camera, error);
     if (status == NACRE_OK && station->camera.driver == CAMERA_DRIVER_V4L2) {
         status = check_v4l2(path, station, error);
+    }
+    if (status == NACRE_OK && station->projector.driver == PROJECTOR_DRIVER_EGL) {
+        status = check_egl(path, &station->projector.egl, error);
     }
     if (status == NACRE_OK && station->trigger.driver == TRIGGER_DRIVER_GPIO) {
         status = check_gpio(path, &station->trigger.gpio, error);

@@ -64,6 +64,8 @@ static void real_station_of_the_documentation_is_read(void)
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, read_text(text, &station), error.text);
     TEST_ASSERT_EQUAL_INT(CAMERA_DRIVER_V4L2, station.camera.driver);
     TEST_ASSERT_EQUAL_INT(620, station.camera.v4l2.left);
+    TEST_ASSERT_EQUAL_INT(PROJECTOR_DRIVER_EGL, station.projector.driver);
+    TEST_ASSERT_EQUAL_DOUBLE(34, station.projector.egl.latency_ms);
     TEST_ASSERT_EQUAL_INT(TRIGGER_DRIVER_GPIO, station.trigger.driver);
     TEST_ASSERT_EQUAL_STRING("wheel", station.trigger.gpio.index.line);
     station_finish(&station);
@@ -136,6 +138,35 @@ static void camera_of_v4l2_is_read(void)
     TEST_ASSERT_EQUAL_INT(3, own->settle_frames);
     station_finish(&station);
     free(text);
+}
+
+static void projector_of_egl_is_read(void)
+{
+    struct station station;
+    char *text = text_replace(
+        stage_station, "projector: {driver: virtual, wheel_hz: 30}",
+        "projector: {driver: egl, wheel_hz: 120, egl: {connector: DP-2, mode: 1280x800, top: 7}}");
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, read_text(text, &station), error.text);
+    const struct egl_settings *own = &station.projector.egl;
+    TEST_ASSERT_EQUAL_INT(PROJECTOR_DRIVER_EGL, station.projector.driver);
+    TEST_ASSERT_FALSE(station_is_virtual(&station));
+    TEST_ASSERT_NULL(own->device);
+    TEST_ASSERT_EQUAL_STRING("DP-2", own->connector);
+    TEST_ASSERT_EQUAL_STRING("1280x800", own->mode);
+    TEST_ASSERT_EQUAL_INT(0, own->left);
+    TEST_ASSERT_EQUAL_INT(7, own->top);
+    TEST_ASSERT_EQUAL_DOUBLE(50, own->latency_ms);
+    station_finish(&station);
+    free(text);
+}
+
+static void projectors_whose_mode_cannot_be_are_refused_with_their_line(void)
+{
+    refuses("projector: {driver: virtual, wheel_hz: 30}",
+            "projector:\n  driver: egl\n  wheel_hz: 30\n  egl: {mode: 1280*800}",
+            "station.yaml:14: projector.egl.mode: \"1280*800\" is no mode; write it as 1920x1080");
+    refuses("projector: {driver: virtual, wheel_hz: 30}",
+            "projector: {driver: egl, wheel_hz: 30, egl: {left: -1}}", "left");
 }
 
 static void trigger_of_gpio_is_read(void)
@@ -241,6 +272,8 @@ int main(void)
     RUN_TEST(station_refuses_what_it_does_not_know);
     RUN_TEST(station_refuses_a_pedestal_at_saturation);
     RUN_TEST(camera_of_v4l2_is_read);
+    RUN_TEST(projector_of_egl_is_read);
+    RUN_TEST(projectors_whose_mode_cannot_be_are_refused_with_their_line);
     RUN_TEST(trigger_of_gpio_is_read);
     RUN_TEST(cameras_that_cannot_be_are_refused_with_their_line);
     RUN_TEST(triggers_without_a_line_are_refused);

@@ -1,0 +1,116 @@
+/* Graphics cards of vkms and bochs. */
+#include "screen.h"
+
+#include "guest.h"
+#include "unity.h"
+
+#include <fcntl.h>
+#include <glob.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <unistd.h>
+#include <xf86drm.h>
+#include <xf86drmMode.h>
+
+static bool is_driven_by(const char *path, const char *driver)
+{
+    int file = open(path, O_RDWR | O_CLOEXEC);
+    TEST_ASSERT_TRUE_MESSAGE(file >= 0, path);
+    drmVersion *version = drmGetVersion(file);
+    bool same = version && strcmp(version->name, driver) == 0;
+    drmFreeVersion(version);
+    (void)close(file);
+    return same;
+}
+
+struct screen screen_plug(const char *module, const char *driver)
+{
+    struct screen screen = {.path = ""};
+    glob_t nodes;
+    guest_run("modprobe %s", module);
+    (void)snprintf(screen.module, sizeof screen.module, "%s", module);
+    TEST_ASSERT_EQUAL_INT(0, glob("/dev/dri/card*", 0, NULL, &nodes));
+    for (size_t i = 0; i < nodes.gl_pathc; i++) {
+        if (is_driven_by(nodes.gl_pathv[i], driver)) {
+            (void)snprintf(screen.path, sizeof screen.path, "%s", nodes.gl_pathv[i]);
+        }
+    }
+    globfree(&nodes);
+    TEST_ASSERT_TRUE_MESSAGE(screen.path[0], driver);
+    (void)snprintf(screen.status, sizeof screen.status, "/sys/class/drm/%.16s-Virtual-1/status",
+                   strrchr(screen.path, '/') + 1);
+    return screen;
+}
+
+void screen_unplug(struct screen *screen)
+{
+    if (screen->path[0]) {
+        guest_run("rmmod %s", screen->module);
+        guest_wait_for(screen->path, false);
+        screen->path[0] = '\0';
+    }
+}
+
+/* The framebuffer of the first CRTC that shows one. */
+static drmModeFB2 *find_framebuffer(int file)
+{
+    drmModeFB2 *found = NULL;
+    drmModeRes *resources = drmModeGetResources(file);
+    TEST_ASSERT_NOT_NULL(resources);
+    for (int i = 0; i < resources->count_crtcs && !found; i++) {
+        drmModeCrtc *crtc = drmModeGetCrtc(file, resources->crtcs[i]);
+        if (crtc && crtc->buffer_id != 0) {
+            found = drmModeGetFB2(file, crtc->buffer_id);
+        }
+        drmModeFreeCrtc(crtc);
+    }
+    drmModeFreeResources(resources);
+    return found;
+}
+
+uint32_t *screen_read(const struct screen *screen, int *width, int *height)
+{
+    int file = open(screen->path, O_RDWR | O_CLOEXEC);
+    TEST_ASSERT_TRUE_MESSAGE(file >= 0, screen->path);
+    drmModeFB2 *shown = find_framebuffer(file);
+    TEST_ASSERT_NOT_NULL_MESSAGE(shown, "nothing is shown");
+    struct drm_mode_map_dumb map = {.handle = shown->handles[0]};
+    TEST_ASSERT_EQUAL_INT(0, drmIoctl(file, DRM_IOCTL_MODE_MAP_DUMB, &map));
+    *width = (int)shown->width;
+    *height = (int)shown->height;
+    size_t size = (size_t)shown->pitches[0] * shown->height;
+    const uint8_t *bytes = mmap(NULL, size, PROT_READ, MAP_SHARED, file, (off_t)map.offset);
+    TEST_ASSERT_TRUE(bytes != MAP_FAILED);
+    uint32_t *pixels = calloc((size_t)shown->width * shown->height, sizeof *pixels);
+    TEST_ASSERT_NOT_NULL(pixels);
+    for (uint32_t y = 0; y < shown->height; y++) {
+        uint32_t *row = &pixels[(size_t)y * shown->width];
+        memcpy(row, bytes + shown->offsets[0] + (size_t)y * shown->pitches[0],
+               shown->width * sizeof *row);
+        for (uint32_t x = 0; x < shown->width; x++) {
+            row[x] &= 0xffffff; /* the fourth byte means nothing */
+        }
+    }
+    (void)munmap((void *)bytes, size);
+    drmModeFreeFB2(shown);
+    (void)close(file);
+    return pixels;
+}
+
+void screen_check(const uint32_t *pixels, int width, int height, const uint8_t *levels, int left,
+                  int top, int w, int h)
+{
+    for (int y = 0; y < height; y++) {
+        for (int x = 0; x < width; x++) {
+            bool inside = x >= left && x < left + w && y >= top && y < top + h;
+            uint32_t level = inside ? levels[(y - top) * w + x - left] : 0;
+            char place[32];
+            if (pixels[y * width + x] != level * 0x10101) {
+                (void)snprintf(place, sizeof place, "(%d, %d)", x, y);
+                TEST_ASSERT_EQUAL_HEX32_MESSAGE(level * 0x10101, pixels[y * width + x], place);
+            }
+        }
+    }
+}
