@@ -10,7 +10,7 @@
 
 struct develop_settings {
     const char *output;
-    int demosaic, black, store;
+    int demosaic, black, store, flat;
     double confidence;
 };
 
@@ -49,6 +49,14 @@ static const struct option_spec develop_options[] = {
      .fallback = "99 %",
      .offset = offsetof(struct develop_settings, confidence),
      .sentence = "one-sided confidence of --black=clip"},
+    {.name = "flat",
+     .kind = OPTION_CHOICE,
+     .words = flat_mode_names,
+     .fallback = "separate",
+     .offset = offsetof(struct develop_settings, flat),
+     .sentence = "divide by the camera's vignetting where light leaves and by the projector's "
+                 "fall-off where it enters, told apart by the sample's reciprocity; or divide by "
+                 "white alone, as the paper does"},
     {.name = "store",
      .kind = OPTION_CHOICE,
      .words = store_words,
@@ -60,6 +68,21 @@ static const struct option_spec develop_options[] = {
 static json_t *real(double value)
 {
     return isfinite(value) ? json_real(value) : json_null();
+}
+
+static json_t *flat_json(const struct develop_report *report)
+{
+    return json_pack("{s:I, s:o, s:o}", "pairs", (json_int_t)report->falloff_pairs, "falloff",
+                     real(report->falloff), "falloff_doubt", real(report->falloff_doubt));
+}
+
+static json_t *warnings_json(const struct warnings *warnings)
+{
+    json_t *list = json_array();
+    for (int i = 0; i < warnings->count; i++) {
+        (void)json_array_append_new(list, json_string(warnings->texts[i]));
+    }
+    return list;
 }
 
 static json_t *seconds_json(const struct develop_report *report)
@@ -95,7 +118,7 @@ static int print_json(const char *output, const struct develop_report *report,
     json_t *root = json_pack(
         "{s:s, s:[i,i], s:i, s:i, s:i, s:i, s:i, s:i, s:i, s:I, s:I, s:o, s:o, s:o, s:o, s:o, s:o, "
         "s:o, "
-        "s:o, s:o}",
+        "s:o, s:o, s:o, s:o}",
         "output", output, "size", report->width, report->height, "window", report->window,
         "channels", report->channels, "patterns", report->patterns, "missing_patterns",
         report->missing_patterns, "white_frames", report->white_frames, "black_frames",
@@ -104,8 +127,19 @@ static int print_json(const char *output, const struct develop_report *report,
         "black_level_per_s", real(report->black_level), "frame_noise_per_s",
         real(report->frame_noise), "noise", real(report->noise), "centre", real(report->centre),
         "rim_share", real(report->rim_share), "overlap", real(report->overlap), "geometry",
-        geometry_json(report), "pixels", pixels_json(report), "seconds", seconds_json(report));
+        geometry_json(report), "pixels", pixels_json(report), "flat", flat_json(report), "seconds",
+        seconds_json(report), "warnings", warnings_json(&report->warnings));
     return json_print(root, error);
+}
+
+static void print_falloff(const struct develop_report *report)
+{
+    if (report->falloff_pairs > 0) {
+        (void)printf("\n%-12s projector's light varies by %.2g %% over the region (doubt %.2g %%), "
+                     "by %zu pairs",
+                     "flat", 100 * report->falloff, 100 * report->falloff_doubt,
+                     report->falloff_pairs);
+    }
 }
 
 static void print_text(const char *output, const struct develop_report *report)
@@ -134,6 +168,7 @@ static void print_text(const char *output, const struct develop_report *report)
     if (isfinite(pixels->deviation)) {
         (void)printf("; exposures within %.2g %% of proportion", 100 * pixels->deviation);
     }
+    print_falloff(report);
     (void)printf("\n%-12s %.4g raw a second, noise of a frame %.3g\n", "black level",
                  report->black_level, report->frame_noise);
     (void)printf("%-12s %.2g of R_d an entry; centre entries are %.3g\n", "noise", report->noise,
@@ -148,9 +183,9 @@ static void print_text(const char *output, const struct develop_report *report)
 static int run(const void *settings, const struct invocation *invocation, struct nacre_error *error)
 {
     const struct develop_settings *given = settings;
-    struct develop_options options = {(enum black_mode)given->black, given->confidence,
-                                      (enum demosaic)given->demosaic,
-                                      given->store ? NACRE_HALF : NACRE_FLOAT};
+    struct develop_options options = {
+        (enum black_mode)given->black, given->confidence, (enum demosaic)given->demosaic,
+        given->store ? NACRE_HALF : NACRE_FLOAT, (enum flat_mode)given->flat};
     struct progress progress = progress_begin("developing", invocation->quiet);
     struct develop_report report;
     int status = develop_session(invocation->operands[0], &options, given->output, &progress,
@@ -158,6 +193,9 @@ static int run(const void *settings, const struct invocation *invocation, struct
     progress_end(&progress);
     if (status != NACRE_OK) {
         return status;
+    }
+    for (int i = 0; i < report.warnings.count; i++) {
+        (void)fprintf(stderr, "nacre develop: warning: %s\n", report.warnings.texts[i]);
     }
     if (invocation->json) {
         return print_json(given->output, &report, error);

@@ -1,12 +1,15 @@
 /* Where the camera sees each surface point: the homography from the dots patterns. */
 #include "rig/develop/align.h"
 
+#include "rig/develop/missed.h"
+
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 enum {
     WAYS = 8,          /* four turns, each plain and mirrored */
+    DOTS_NEEDED = 8,   /* twice what a homography takes */
     TRIAL_ROUNDS = 4,  /* of matching and fitting while the ways compete */
     FINAL_ROUNDS = 12, /* of fitting and rejecting */
 };
@@ -196,7 +199,7 @@ static double try_way(const struct dots_view *views, size_t count, const struct 
     for (int round = 0; round < TRIAL_ROUNDS; round++) {
         struct homography next;
         size_t matched = match(views, count, spacing, map, pairs, &cost);
-        if (matched < 8 || homography_fit(pairs, matched, &next, &ignored) != NACRE_OK) {
+        if (matched < DOTS_NEEDED || homography_fit(pairs, matched, &next, &ignored) != NACRE_OK) {
             return INFINITY;
         }
         *map = next;
@@ -253,7 +256,7 @@ static int fit_all(const struct dots_view *views, size_t count, double spacing,
     for (int round = 0; status == NACRE_OK && round < FINAL_ROUNDS && changed; round++) {
         matched = match(views, count, spacing, map, pairs, &cost);
         /* match() clears the marks: judge by the map of the round before. */
-        if (matched < 8) {
+        if (matched < DOTS_NEEDED) {
             break;
         }
         if (round > 0) {
@@ -303,7 +306,14 @@ int align_dots(const struct dots_view *views, size_t count, const struct point c
         status = nacre_fail_memory(error, "the dots' matches");
         goto out;
     }
-    for (int way = 0; way < WAYS && report->dots; way++) {
+    if (report->dots < DOTS_NEEDED) {
+        status = nacre_fail(error,
+                            "the dots patterns hold %zu dots where %d are needed; use a narrower "
+                            "dot_spacing or dot_shift, or resume the scan to measure all of them",
+                            report->dots, DOTS_NEEDED);
+        goto out;
+    }
+    for (int way = 0; way < WAYS; way++) {
         struct homography map;
         double cost =
             try_way(views, count, corners, width, height, way, spacing, pairs, report->dots, &map);
@@ -313,20 +323,27 @@ int align_dots(const struct dots_view *views, size_t count, const struct point c
         }
     }
     if (isinf(best)) {
+        char missed[256];
+        missed_describe(views, count, NULL, spacing, width, height, missed, sizeof missed);
         status =
             nacre_fail(error,
-                       "the dots do not fit the region: %zu were seen where %zu should be; is the "
-                       "picture sharp, the white layer on, and the spacing that of the plan?",
-                       seen, report->dots);
+                       "the dots do not fit the region: %zu were seen where %zu should be (%s); is "
+                       "the picture sharp, the white layer on, and the spacing that of the plan?",
+                       seen, report->dots, missed);
         goto out;
     }
     status = fit_all(views, count, spacing, pairs, scratch, homography, report, error);
+    if (status == NACRE_OK && 10 * (report->matched + report->rejected) < 9 * report->dots) {
+        missed_describe(views, count, homography, spacing, width, height, report->missed,
+                        sizeof report->missed);
+    }
     if (status == NACRE_OK && 2 * report->matched < report->dots) {
         status = nacre_fail(
             error,
-            "only %zu of %zu dots were found where they should be (%zu were seen); is the "
-            "picture sharp, and the view of the whole region free?",
-            report->matched, report->dots, seen);
+            "only %zu of %zu dots were found where they should be (%zu were seen): %s; is the "
+            "picture sharp, and the view of the whole region free? Remove the files of such "
+            "patterns from calibration/ and resume the scan",
+            report->matched, report->dots, seen, report->missed);
     }
 out:
     free(pairs);

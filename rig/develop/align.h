@@ -25,11 +25,12 @@ struct dots_view {
 };
 
 struct align_report {
-    size_t dots;     /* that should be seen */
-    size_t matched;  /* that are, and count */
-    size_t rejected; /* matched, but too far off to count */
-    double rms_px;   /* distance in the camera between dots and where the homography puts them */
-    double worst_px; /* the largest of those that count */
+    size_t dots;      /* that should be seen */
+    size_t matched;   /* that are, and count */
+    size_t rejected;  /* matched, but too far off to count */
+    double rms_px;    /* distance in the camera between dots and where the homography puts them */
+    double worst_px;  /* the largest of those that count */
+    char missed[256]; /* where dots are missing, see missed.h; empty where nearly all were found */
 };
 
 /* The dots of a pattern drawn for width x height projector pixels (levels[height][width], 0 dark); heap. */

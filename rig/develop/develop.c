@@ -4,12 +4,17 @@
 #include "base/clock.h"
 #include "nacre/scan.h"
 #include "rig/develop/calibrate.h"
+#include "rig/develop/even.h"
 #include "rig/develop/extract.h"
+#include "rig/develop/wheel.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
+
+const char *const flat_mode_names[] = {"separate", "paper", NULL};
 
 enum {
     NOISE_FRAMES = 4,  /* black frames developed like grids to see their noise */
@@ -21,6 +26,15 @@ enum {
  * pixel exceeds it too, though the fit would still be nearer: the misfit cannot tell the two. */
 static const double misfit_limit = 0.1;
 
+/* A fall-off that is found to be larger is no projector's: the sample is not alike in both directions. */
+static const double falloff_limit = 3;
+
+/* A colour that the wheel makes more wrong than that is worth a warning. */
+static const double colour_limit = 1e-3;
+
+/* A pedestal below so many deviations of the read noise cuts off its lower end. */
+static const double pedestal_deviations = 2;
+
 /* Everything that the visitors of black and grid frames need. */
 struct development {
     const struct session *session;
@@ -30,7 +44,11 @@ struct development {
     struct nacre_scan_writer *writer;
     float *response;
     struct extract_sums sums;
-    double squares; /* of the entries of developed black frames */
+    bool separate;              /* write to be evened out, and gather what tells the fall-off */
+    struct falloff_pairs pairs; /* where `separate` */
+    double pulse_turns; /* of the exposure whose pulse was the farthest from what was asked */
+    double pulse_error; /* its colour error; 0: none was measured */
+    double squares;     /* of the entries of developed black frames */
     size_t entries;
     size_t saturated, pixels;
     struct misfit misfit;
@@ -66,6 +84,24 @@ static int take_black(void *state, const struct merged *merged, const float *res
     return NACRE_OK;
 }
 
+/* Remember the pulse that the wheel makes the most wrong, if it is surely no whole number of turns. */
+static void note_pulses(struct development *development, const struct pattern_frames *frames)
+{
+    double wheel_hz = development->session->station.projector.wheel_hz;
+    for (size_t e = 0; e < frames->count; e++) {
+        const struct exposure *exposure = &frames->exposures[e];
+        int64_t off = llabs(exposure->pulse_ns - exposure->exposure_ns);
+        if (exposure->pulse_ns > 0 && off > exposure->pulse_doubt_ns) {
+            double turns = (double)exposure->pulse_ns * 1e-9 * wheel_hz;
+            double wrong = wheel_colour_error(turns);
+            if (wrong > development->pulse_error) {
+                development->pulse_error = wrong;
+                development->pulse_turns = turns;
+            }
+        }
+    }
+}
+
 static int take_grid(void *state, const struct merged *merged, const float *result,
                      struct nacre_error *error)
 {
@@ -77,9 +113,13 @@ static int take_grid(void *state, const struct merged *merged, const float *resu
     plan_pattern_offset(plan, merged->pattern, &left, &top);
     development->saturated += merged->saturated;
     development->pixels += (size_t)merged->frames->width * (size_t)merged->frames->height;
+    note_pulses(development, merged->frames);
     for (int y = top; y < info->height; y += plan->grid_spacing) {
         for (int x = left; x < info->width; x += plan->grid_spacing) {
             extract_window(info, result, x, y, development->response, &development->sums);
+            if (development->separate) {
+                falloff_pairs_add(&development->pairs, info, x, y, development->response);
+            }
             int status = nacre_scan_write(development->writer, x, y, development->response, error);
             if (status != NACRE_OK) {
                 return status;
@@ -135,8 +175,9 @@ static void describe(const struct session *session, const struct develop_options
                                      .pixel = options->store,
                                      .compress = options->store == NACRE_HALF,
                                      .pitch_mm = session->station.sample.pitch_mm};
-    (void)snprintf(info->source, sizeof info->source, "nacre develop --demosaic=%s --black=%s",
-                   demosaic_names[demosaic], black_mode_names[options->black]);
+    (void)snprintf(info->source, sizeof info->source,
+                   "nacre develop --demosaic=%s --black=%s --flat=%s", demosaic_names[demosaic],
+                   black_mode_names[options->black], flat_mode_names[options->flat]);
 }
 
 static int make_resampler(struct development *development, enum demosaic demosaic,
@@ -265,15 +306,16 @@ static void fill_report(const struct development *development, struct develop_re
     report->dots_seconds = calibration->dots_seconds;
 }
 
-static int develop_grids(struct development *development, const char *output,
-                         struct visit_progress *progress, struct develop_report *report,
-                         struct nacre_error *error)
+/* Develop all grids into the scan at `path`, divided by white. */
+static int develop_grids(struct development *development, const char *path,
+                         const struct nacre_scan_info *info, struct visit_progress *progress,
+                         struct develop_report *report, struct nacre_error *error)
 {
     struct visitor visitor = {.state = development,
                               .result_size = resampler_size(development->resampler),
                               .work = work_frame,
                               .take = take_grid};
-    int status = nacre_scan_create(output, &development->info, &development->writer, error);
+    int status = nacre_scan_create(path, info, &development->writer, error);
     if (status != NACRE_OK) {
         return status;
     }
@@ -288,6 +330,118 @@ static int develop_grids(struct development *development, const char *output,
         development->writer = NULL;
     }
     return status;
+}
+
+/* What the pairs say of the fall-off, into report and warnings; even light where it is not to be believed. */
+static int find_falloff(const struct development *development, struct falloff *falloff,
+                        struct develop_report *report, struct nacre_error *error)
+{
+    int status = falloff_find(&development->pairs, falloff, error);
+    if (status != NACRE_OK) {
+        return status;
+    }
+    report->falloff_pairs = falloff->pairs;
+    report->falloff = falloff->range;
+    report->falloff_doubt = falloff->doubt;
+    if (falloff->pairs == 0) {
+        warnings_add(&report->warnings,
+                     "the projector's fall-off was not taken out: the grids hold no two lit points "
+                     "%d or %d apart that see each other; measure more grids, or a wider window",
+                     FALLOFF_NEAREST, FALLOFF_REACH);
+    } else if (falloff->range > falloff_limit) {
+        warnings_add(&report->warnings,
+                     "light seems to take its way through the sample in one direction better than "
+                     "in the other, by a factor of up to %.2g over the region, which no projector "
+                     "does; its fall-off was not taken out",
+                     1 + falloff->range);
+        report->falloff_pairs = 0;
+        for (size_t i = 0; i < (size_t)falloff->width * (size_t)falloff->height; i++) {
+            falloff->light[i] = 1;
+        }
+    }
+    return NACRE_OK;
+}
+
+/* Develop all grids, then tell the projector's fall-off from the responses and take it out: in a second file, as the
+ * fall-off is known when the last response is. */
+static int develop_evenly(struct development *development, const char *output,
+                          struct visit_progress *progress, struct develop_report *report,
+                          struct nacre_error *error)
+{
+    struct falloff falloff = {0};
+    struct nacre_scan_info uneven = development->info;
+    char *path = NULL;
+    int status = NACRE_OK;
+    uneven.pixel = NACRE_FLOAT;
+    uneven.compress = false;
+    if (asprintf(&path, "%s.uneven", output) < 0) {
+        path = NULL;
+        status = nacre_fail_memory(error, "a path");
+        goto out;
+    }
+    status = falloff_pairs_init(&development->pairs, uneven.width, uneven.height, error);
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    status = develop_grids(development, path, &uneven, progress, report, error);
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    status = find_falloff(development, &falloff, report, error);
+    if (status == NACRE_OK) {
+        status = even_scan(path, &falloff, &development->info, output, error);
+    }
+    (void)unlink(path); /* nothing is lost if it stays */
+out:
+    falloff_finish(&falloff);
+    falloff_pairs_finish(&development->pairs);
+    free(path);
+    return status;
+}
+
+/* What can be said before anything is developed. */
+static void warn_of_settings(const struct session *session, struct warnings *warnings)
+{
+    const struct station_camera *camera = &session->station.camera;
+    for (size_t e = 0; e < session->plan.exposure_count; e++) {
+        double turns = session->plan.exposure_turns[e];
+        double wrong = wheel_colour_error(turns);
+        if (wrong > colour_limit) {
+            warnings_add(warnings,
+                         "the exposure of %g turns of the colour wheel is no whole number of them: "
+                         "expect each colour in it to be wrong by %.2g %% (root mean square); use "
+                         "whole turns in exposure_turns",
+                         turns, 100 * wrong);
+        }
+    }
+    if (camera->read_noise > 0 && camera->pedestal < pedestal_deviations * camera->read_noise) {
+        warnings_add(warnings,
+                     "the camera's pedestal of %g is below %g deviations of its read noise of %g: "
+                     "the sensor cuts off the lower end of the noise, and dark entries read "
+                     "bright; raise its black level or brightness",
+                     camera->pedestal, pedestal_deviations, camera->read_noise);
+    }
+}
+
+static void warn_of_dots(const struct align_report *align, struct warnings *warnings)
+{
+    if (align->missed[0]) {
+        warnings_add(warnings,
+                     "%zu of %zu dots were found: %s; if something stood in the view, remove the "
+                     "files of such patterns from calibration/ and resume the scan",
+                     align->matched + align->rejected, align->dots, align->missed);
+    }
+}
+
+static void warn_of_pulses(const struct development *development, struct warnings *warnings)
+{
+    if (development->pulse_error > colour_limit) {
+        warnings_add(warnings,
+                     "a trigger pulse was measured at %.4f turns of the colour wheel: expect each "
+                     "colour of its exposure to be wrong by %.2g %% (root mean square); check "
+                     "wheel_hz and the wiring of the wheel's index",
+                     development->pulse_turns, 100 * development->pulse_error);
+    }
 }
 
 static double count_patterns(const struct session *session)
@@ -315,6 +469,7 @@ int develop_session(const char *session_path, const struct develop_options *opti
     if (status != NACRE_OK) {
         goto out;
     }
+    warn_of_settings(&session, &own.warnings);
     status = check_grids(&session, error);
     if (status != NACRE_OK) {
         goto out;
@@ -342,10 +497,15 @@ int develop_session(const char *session_path, const struct develop_options *opti
         goto out;
     }
     double grids = now_seconds();
-    status = develop_grids(&development, output, &visits, &own, error);
+    development.separate = options->flat == FLAT_SEPARATE;
+    status = development.separate
+                 ? develop_evenly(&development, output, &visits, &own, error)
+                 : develop_grids(&development, output, &development.info, &visits, &own, error);
     if (status != NACRE_OK) {
         goto out;
     }
+    warn_of_dots(&calibration.align, &own.warnings);
+    warn_of_pulses(&development, &own.warnings);
     fill_report(&development, &own);
     own.grid_seconds = now_seconds() - grids;
     own.total_seconds = now_seconds() - began;

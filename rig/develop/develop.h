@@ -9,12 +9,22 @@
 #include "rig/develop/black.h"
 #include "rig/develop/linearity.h"
 #include "rig/develop/resample.h"
+#include "rig/develop/warnings.h"
+
+enum flat_mode {
+    FLAT_SEPARATE, /* divide by the camera's vignetting at x_o and the projector's light at x_i (falloff.h) */
+    FLAT_PAPER, /* divide by white, which takes the projector's light at x_o */
+};
+
+/* Words for the modes in the order of the enum, NULL-terminated. */
+extern const char *const flat_mode_names[];
 
 struct develop_options {
     enum black_mode black;
     double confidence; /* of BLACK_CLIP, one-sided */
     enum demosaic demosaic;
     enum nacre_pixel store; /* NACRE_FLOAT or NACRE_HALF */
+    enum flat_mode flat;
 };
 
 struct develop_report {
@@ -34,9 +44,13 @@ struct develop_report {
     double
         misfit; /* of frames and the fit's premise, relative, 0 to 1; NaN where it was not asked */
     double pixels_per_point; /* camera pixels along a surface point in the middle */
+    size_t falloff_pairs;    /* that told the projector's fall-off; 0: none was taken out */
+    double falloff;       /* most of the projector's light in the region over the least, less 1 */
+    double falloff_doubt; /* standard error of the logarithm of that */
     struct linearity_report linearity;
     struct align_report align;
     double white_seconds, black_seconds, dots_seconds, map_seconds, grid_seconds, total_seconds;
+    struct warnings warnings;
 };
 
 /* Develop the session at `session_path` into the scan `output`, which appears whole or not at all. `report` may be
