@@ -50,9 +50,6 @@ static const struct option_spec scan_options[] = {
      .sentence = "how often a lost or doubtful frame is taken again"},
     {0}};
 
-/* Frames of the virtual camera carry the trigger's own time; a real camera's begin within microseconds. */
-static const int64_t TOLERANCE_NS = 2000000;
-
 static void print_duration(const char *label, double seconds)
 {
     if (seconds < 60) {
@@ -139,23 +136,80 @@ out:
     return status;
 }
 
-static int print_result(const struct sequence_result *result, bool json, struct nacre_error *error)
+/* Where the time of a scan went, in the order in which it is told. */
+struct share {
+    const char *key, *label;
+    int64_t time_ns;
+};
+
+enum { SHARES = 9 };
+
+static void list_shares(const struct sequence_times *times, struct share shares[SHARES])
 {
-    if (json) {
-        return json_print(
-            json_pack("{s:I, s:I, s:I, s:I, s:f, s:I}", "patterns", (json_int_t)result->patterns,
-                      "measured_before", (json_int_t)result->skipped, "frames",
-                      (json_int_t)result->exposures, "retries", (json_int_t)result->retries,
-                      "station_seconds", (double)result->station_ns * 1e-9, "bytes",
-                      (json_int_t)result->bytes),
-            error);
+    const struct exposer_times *stages = &times->stages;
+    const struct share all[SHARES] = {{"exposing", "exposing", stages->exposing_ns},
+                                      {"reading_out", "reading out", stages->readout_ns},
+                                      {"flips", "waiting for the flip", stages->flip_ns},
+                                      {"triggers", "waiting for the trigger", stages->trigger_ns},
+                                      {"retakes", "retakes", stages->retakes_ns},
+                                      {"checks", "check frames", stages->checks_ns},
+                                      {"person", "waiting for the person", times->person_ns},
+                                      {"disk", "waiting for the disk", times->disk_ns},
+                                      {"rest", "rest", times->rest_ns}};
+    memcpy(shares, all, sizeof all);
+}
+
+static int print_json(const struct sequence_result *result, const struct station *station,
+                      struct nacre_error *error)
+{
+    struct share shares[SHARES];
+    json_t *seconds = json_object();
+    json_t *retaken = json_object();
+    list_shares(&result->times, shares);
+    for (int i = 0; i < SHARES; i++) {
+        (void)json_object_set_new(seconds, shares[i].key,
+                                  json_real((double)shares[i].time_ns * 1e-9));
     }
+    for (int i = 0; i < RETAKES; i++) {
+        (void)json_object_set_new(retaken, retake_names[i],
+                                  json_integer((json_int_t)result->retaken[i]));
+    }
+    return json_print(
+        json_pack("{s:I, s:I, s:I, s:I, s:o, s:f, s:o, s:f, s:I}", "patterns",
+                  (json_int_t)result->patterns, "measured_before", (json_int_t)result->skipped,
+                  "frames", (json_int_t)result->exposures, "retries", (json_int_t)result->retries,
+                  "retaken", retaken, "station_seconds", (double)result->station_ns * 1e-9,
+                  "seconds", seconds, "overhead_turns", sequence_overhead_turns(result, station),
+                  "bytes", (json_int_t)result->bytes),
+        error);
+}
+
+static void print_text(const struct sequence_result *result, const struct station *station)
+{
+    struct share shares[SHARES];
+    const char *between = " (";
     printf("%-13s %zu measured, %zu measured before\n", "patterns", result->patterns,
            result->skipped);
-    printf("%-13s %zu, %zu retries\n", "frames", result->exposures, result->retries);
+    printf("%-13s %zu, %zu retries", "frames", result->exposures, result->retries);
+    for (int i = 0; i < RETAKES; i++) {
+        if (result->retaken[i]) {
+            printf("%s%s %zu", between, retake_names[i], result->retaken[i]);
+            between = ", ";
+        }
+    }
+    printf("%s\n", result->retries ? ")" : "");
     print_duration("station time", (double)result->station_ns * 1e-9);
+    list_shares(&result->times, shares);
+    for (int i = 0; i < SHARES; i++) {
+        if (shares[i].time_ns > 0) {
+            printf("  %-24s %10.1f s  %5.1f %%\n", shares[i].label,
+                   (double)shares[i].time_ns * 1e-9,
+                   100. * (double)shares[i].time_ns / (double)result->station_ns);
+        }
+    }
+    printf("%-13s %.2f turns of the colour wheel an exposure, beyond exposing and reading out\n",
+           "overhead", sequence_overhead_turns(result, station));
     printf("%-13s %.1f MiB\n", "written", (double)result->bytes / 1048576);
-    return NACRE_OK;
 }
 
 static int lay_white_layer(void *context, bool on, struct nacre_error *error)
@@ -187,19 +241,24 @@ static struct sequence_operator operator_of(struct stand *stand, struct person *
 }
 
 static int measure(const char *path, const struct scan_settings *settings, struct stand *stand,
-                   struct person *person, struct sequence_result *result, struct nacre_error *error)
+                   struct person *person, bool json, struct nacre_error *error)
 {
     struct session session = {0};
-    const struct sequence_options options = {.retries = settings->retries,
-                                             .tolerance_ns = TOLERANCE_NS};
+    struct sequence_result result;
+    const struct sequence_options options = {.retries = settings->retries};
     const struct sequence_operator who = operator_of(stand, person);
     int status =
         session_create(path, settings->station, settings->plan, settings->resume, &session, error);
     if (status == NACRE_OK) {
-        status = sequence_run(&stand->devices, &session, &who, &options, person->progress, result,
+        status = sequence_run(&stand->devices, &session, &who, &options, person->progress, &result,
                               error);
     }
     progress_end(person->progress);
+    if (status == NACRE_OK && json) {
+        status = print_json(&result, &session.station, error);
+    } else if (status == NACRE_OK) {
+        print_text(&result, &session.station);
+    }
     session_finish(&session);
     return status;
 }
@@ -235,7 +294,6 @@ static int scan(const char *path, const struct scan_settings *settings,
     struct stand stand = {0};
     struct progress progress = progress_begin("scanning", invocation->quiet);
     struct person person;
-    struct sequence_result result;
     int status = person_begin(&person, &progress, error);
     if (status != NACRE_OK) {
         return status;
@@ -244,11 +302,7 @@ static int scan(const char *path, const struct scan_settings *settings,
     if (status != NACRE_OK) {
         goto out;
     }
-    status = measure(path, settings, &stand, &person, &result, error);
-    if (status != NACRE_OK) {
-        goto out;
-    }
-    status = print_result(&result, invocation->json, error);
+    status = measure(path, settings, &stand, &person, invocation->json, error);
 out:
     stand_close(&stand);
     person_end(&person);

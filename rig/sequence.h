@@ -6,6 +6,7 @@
 #include "base/progress.h"
 #include "nacre/error.h"
 #include "rig/devices.h"
+#include "rig/exposer.h"
 #include "rig/session.h"
 
 /* Where a run is when a pattern begins. */
@@ -38,8 +39,8 @@ struct sequence_operator {
 
 struct sequence_options {
     int retries;          /* of one exposure, after the first try */
-    int64_t tolerance_ns; /* a frame that begins later than this after its trigger is not its
-                             trigger's */
+    int64_t tolerance_ns; /* by which a frame may begin before or after its trigger; 0: as the
+                             station says */
 };
 
 /* What a whole plan needs. */
@@ -49,12 +50,22 @@ struct sequence_needs {
     uint64_t bytes;             /* on disk, at most */
 };
 
+/* Where the time went, on the station's clock: these and what `stages` holds sum to station_ns. */
+struct sequence_times {
+    struct exposer_times stages;
+    int64_t person_ns; /* waiting for the person: the white layer, a pause */
+    int64_t disk_ns;   /* waiting for frames to be written */
+    int64_t rest_ns;
+};
+
 /* What was done; counts what a stopped scan had finished too. */
 struct sequence_result {
     size_t patterns, skipped;  /* measured now; measured before */
     size_t exposures, retries; /* kept; taken again */
+    size_t retaken[RETAKES];   /* what was taken again, by reason */
     int64_t station_ns;        /* on the station's clock */
-    uint64_t bytes;            /* of the pattern files written */
+    struct sequence_times times;
+    uint64_t bytes; /* of the pattern files written */
 };
 
 /* What measuring `plan` on `station` needs; of patterns that `session` has already if it is not
@@ -66,6 +77,13 @@ int sequence_estimate(const struct station *station, const struct plan *plan,
 /* Refuse a disk with too little room. `path` is the session's folder, or where it is to be made. */
 int sequence_check_disk(const char *path, const struct sequence_needs *needs,
                         struct nacre_error *error);
+
+/* The same while a scan runs: refuse where there is no room for the `next` bytes. `rest` is told: what is still needed. */
+int sequence_check_room(const char *path, uint64_t next, uint64_t rest, struct nacre_error *error);
+
+/* What the frames that were kept cost on average beyond exposing and reading out, in turns of the station's colour wheel:
+ * waiting for patterns to be on the glass and for exposures to begin. */
+double sequence_overhead_turns(const struct sequence_result *result, const struct station *station);
 
 /* Measure every pattern that the session lacks. A lost, damaged or unmatched frame is taken again,
  * so often as the options allow. Stops cleanly, with whole files only, when a device or the disk

@@ -18,6 +18,7 @@ struct sequence_writer {
     pthread_cond_t changed;
     struct pattern_frames queue[CAPACITY];
     size_t first, length;
+    size_t writing; /* taken from the queue and not on disk yet */
     bool ending;
     size_t patterns;
     uint64_t bytes;
@@ -48,6 +49,7 @@ static bool next(struct sequence_writer *writer, struct pattern_frames *frames)
         *frames = writer->queue[writer->first];
         writer->first = (writer->first + 1) % CAPACITY;
         writer->length--;
+        writer->writing++;
         got = true;
         (void)pthread_cond_broadcast(&writer->changed);
     }
@@ -65,6 +67,7 @@ static void *write_patterns(void *context)
         uint64_t bytes = status == NACRE_OK ? file_bytes(writer->session, frames.pattern) : 0;
         pattern_frames_finish(&frames);
         (void)pthread_mutex_lock(&writer->mutex);
+        writer->writing--;
         if (status == NACRE_OK) {
             writer->patterns++;
             writer->bytes += bytes;
@@ -133,6 +136,14 @@ int sequence_writer_put(struct sequence_writer *writer, struct pattern_frames *f
     (void)pthread_mutex_unlock(&writer->mutex);
     pattern_frames_finish(frames);
     return status;
+}
+
+size_t sequence_writer_pending(struct sequence_writer *writer)
+{
+    (void)pthread_mutex_lock(&writer->mutex);
+    size_t pending = writer->length + writer->writing;
+    (void)pthread_mutex_unlock(&writer->mutex);
+    return pending;
 }
 
 int sequence_writer_finish(struct sequence_writer *writer, size_t *patterns, uint64_t *bytes,

@@ -19,6 +19,9 @@ int sequence_writer_new(const struct session *session, struct sequence_writer **
 int sequence_writer_put(struct sequence_writer *writer, struct pattern_frames *frames,
                         struct nacre_error *error);
 
+/* Patterns that were handed over and are not on disk yet. */
+size_t sequence_writer_pending(struct sequence_writer *writer);
+
 /* Write what is queued and end the threads. Fails if any write failed; what was written is counted
  * either way. */
 int sequence_writer_finish(struct sequence_writer *writer, size_t *patterns, uint64_t *bytes,

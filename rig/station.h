@@ -26,13 +26,14 @@ struct station_sample {
 };
 
 struct station_camera {
-    int driver;        /* enum camera_driver */
-    int width, height; /* raw pixels kept of each frame */
-    int bits;          /* a saturated pixel holds 2^bits - 1 */
-    int bayer;         /* enum bayer */
-    double pedestal;   /* raw value without light */
-    double read_noise; /* standard deviation, raw units; 0: none */
-    double electrons;  /* photo-electrons in one raw unit, for the shot noise; 0: no shot noise */
+    int driver;          /* enum camera_driver */
+    int width, height;   /* raw pixels kept of each frame */
+    int bits;            /* a saturated pixel holds 2^bits - 1 */
+    int bayer;           /* enum bayer */
+    double pedestal;     /* raw value without light */
+    double read_noise;   /* standard deviation, raw units; 0: none */
+    double electrons;    /* photo-electrons in one raw unit, for the shot noise; 0: no shot noise */
+    double tolerance_ms; /* by which a frame may begin before or after its trigger */
     struct v4l2_settings v4l2; /* of the driver v4l2 */
 };
 

@@ -148,7 +148,8 @@ static int faulty_take(struct camera *camera, int64_t timeout_ns, struct camera_
     own->skipped += now && own->fault == FAULT_DROPPED;
     frame->sequence += own->skipped;
     frame->frame_ns += now && own->fault == FAULT_LATE ? 40000000 : 0;
-    frame->frame_ns -= now && own->fault == FAULT_EARLY ? 1 : 0;
+    frame->frame_ns -= now && own->fault == FAULT_EARLY ? 40000000 : 0;
+    frame->frame_ns -= now && own->fault == FAULT_JITTER ? 1900000 : 0;
     return NACRE_OK;
 }
 
@@ -169,7 +170,9 @@ struct faulty_camera faulty_camera(struct camera *inner, enum fault fault, int w
 static int lay_white_layer(void *context, bool on, struct nacre_error *error)
 {
     struct operator_log *log = context;
+    struct clock *clock = virtual_station_clock(log->station);
     (void)error;
+    clock_sleep_until_ns(clock, clock_now_ns(clock) + log->white_layer_takes_ns);
     if (on) {
         log->layer_on++;
     } else {
@@ -187,6 +190,9 @@ static int begin_pattern(void *context, const struct sequence_moment *moment,
     if (++log->begun == log->raise_at) {
         (void)raise(SIGINT);
     }
+    if (log->begun == log->call_at && log->call) {
+        log->call();
+    }
     virtual_station_begin_pattern(log->station, moment->pattern);
     return NACRE_OK;
 }
@@ -195,7 +201,7 @@ int stage_scan(const struct session *session, enum fault fault, int when, int re
                struct operator_log *log, struct sequence_result *result, struct nacre_error *error)
 {
     struct virtual_station *station = NULL;
-    const struct sequence_options options = {.retries = retries, .tolerance_ns = 2000000};
+    const struct sequence_options options = {.retries = retries};
     struct sequence_operator person = {
         .context = log, .white_layer = lay_white_layer, .pattern_begins = begin_pattern};
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, virtual_station_new(&session->station, &station, error),

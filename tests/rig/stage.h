@@ -37,6 +37,7 @@ char *documentation_example(const char *document, const char *name);
 enum fault {
     FAULT_LATE,     /* the frame began too late after its trigger */
     FAULT_EARLY,    /* the frame began before its trigger */
+    FAULT_JITTER,   /* the same, within the 2 ms that are tolerated */
     FAULT_LOST,     /* take fails; the frame is gone */
     FAULT_DROPPED,  /* another frame was dropped before this one: its number is one too high */
     FAULT_BROKEN,   /* take fails with EIO, and no frame was counted */
@@ -58,6 +59,9 @@ struct faulty_camera faulty_camera(struct camera *inner, enum fault fault, int w
 struct operator_log {
     struct virtual_station *station;
     int layer_on, layer_off, begun;
+    int64_t white_layer_takes_ns;
+    int call_at; /* `call` is called when so many patterns have begun */
+    void (*call)(void);
     int raise_at; /* SIGINT when so many patterns have begun; 0: never */
 };
 

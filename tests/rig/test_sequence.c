@@ -148,6 +148,86 @@ static void station_time_is_that_of_exposures_and_refreshes(void)
     TEST_ASSERT_DOUBLE_WITHIN(200e-9, expected_s, (double)result.station_ns * 1e-9);
 }
 
+/* Of that time, on a clock on which nothing but devices takes any: 16 patterns wait for 200 - 133.3 - 20 ms each until they
+ * are on the glass, the first for 16 ms. */
+static void time_is_accounted_for(void)
+{
+    const struct exposer_times *stages = &result.times.stages;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, scan(FAULT_LOST, -1, 0));
+    double turn_s = 1. / 30;
+    TEST_ASSERT_DOUBLE_WITHIN(200e-9, STAGE_PATTERNS * 4 * turn_s,
+                              (double)stages->exposing_ns * 1e-9);
+    TEST_ASSERT_EQUAL_INT64(2 * STAGE_PATTERNS * 10000000, stages->readout_ns);
+    double flip_s = 0.016 + (STAGE_PATTERNS - 1) * (0.2 - 4 * turn_s - 0.02);
+    TEST_ASSERT_DOUBLE_WITHIN(400e-9, flip_s, (double)stages->flip_ns * 1e-9);
+    TEST_ASSERT_EQUAL_INT64(0, stages->trigger_ns);
+    TEST_ASSERT_EQUAL_INT64(0, stages->retakes_ns);
+    TEST_ASSERT_EQUAL_INT64(0, stages->checks_ns);
+    TEST_ASSERT_EQUAL_INT64(0, result.times.person_ns);
+    TEST_ASSERT_EQUAL_INT64(0, result.times.disk_ns);
+    TEST_ASSERT_EQUAL_INT64(0, result.times.rest_ns);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-5, flip_s / turn_s / (2 * STAGE_PATTERNS),
+                              sequence_overhead_turns(&result, &session.station));
+    TEST_ASSERT_TRUE(sequence_overhead_turns(&result, &session.station) <= 1);
+}
+
+/* One more exposure of 1/30 s and one more read-out than kept frames need. */
+static void time_of_retakes_is_told_apart(void)
+{
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, scan(FAULT_LATE, 8, 1));
+    const struct exposer_times *stages = &result.times.stages;
+    TEST_ASSERT_DOUBLE_WITHIN(10e-9, 1. / 30 + 0.01, (double)stages->retakes_ns * 1e-9);
+    TEST_ASSERT_EQUAL_INT64(2 * STAGE_PATTERNS * 10000000, stages->readout_ns);
+    TEST_ASSERT_EQUAL_INT64(0, result.times.rest_ns);
+}
+
+static void waits_of_the_person_are_told_apart(void)
+{
+    log_.white_layer_takes_ns = 5000000000;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, scan(FAULT_LOST, -1, 0));
+    TEST_ASSERT_EQUAL_INT64(2 * log_.white_layer_takes_ns, result.times.person_ns);
+    TEST_ASSERT_EQUAL_INT64(0, result.times.rest_ns);
+}
+
+/* What was retaken was retaken for this reason and no other. */
+static void retaken_once_for(enum retake reason)
+{
+    for (int i = 0; i < RETAKES; i++) {
+        TEST_ASSERT_EQUAL_INT_MESSAGE(i == (int)reason, result.retaken[i], retake_names[i]);
+    }
+}
+
+static void retakes_are_counted_by_reason(void)
+{
+    const struct {
+        enum fault fault;
+        enum retake reason;
+    } cases[] = {{FAULT_LATE, RETAKE_LATE},
+                 {FAULT_EARLY, RETAKE_EARLY},
+                 {FAULT_LOST, RETAKE_LOST},
+                 {FAULT_DROPPED, RETAKE_GAP},
+                 {FAULT_BROKEN, RETAKE_LOST}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        tearDown();
+        setUp();
+        TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, scan(cases[i].fault, 9, 1), error.text);
+        retaken_once_for(cases[i].reason);
+    }
+}
+
+static void frame_that_begins_early_within_the_tolerance_counts(void)
+{
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, scan(FAULT_JITTER, 9, 0), error.text);
+    TEST_ASSERT_EQUAL_INT(0, result.retries);
+}
+
+static void tolerance_is_the_stations_where_none_is_given(void)
+{
+    session.station.camera.tolerance_ms = 1.8;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, scan(FAULT_JITTER, 9, 1), error.text);
+    retaken_once_for(RETAKE_EARLY);
+}
+
 static void fault_is_mended_by_one_retry(enum fault fault)
 {
     uint64_t expected = undisturbed();
@@ -355,6 +435,12 @@ int main(void)
     RUN_TEST(scan_measures_every_pattern);
     RUN_TEST(measured_patterns_are_not_measured_again);
     RUN_TEST(station_time_is_that_of_exposures_and_refreshes);
+    RUN_TEST(time_is_accounted_for);
+    RUN_TEST(time_of_retakes_is_told_apart);
+    RUN_TEST(waits_of_the_person_are_told_apart);
+    RUN_TEST(retakes_are_counted_by_reason);
+    RUN_TEST(frame_that_begins_early_within_the_tolerance_counts);
+    RUN_TEST(tolerance_is_the_stations_where_none_is_given);
     RUN_TEST(late_frame_is_taken_again);
     RUN_TEST(frame_from_before_its_trigger_is_taken_again);
     RUN_TEST(lost_frame_is_taken_again);
