@@ -47,7 +47,16 @@ def make_initramfs(folder, commands, limit):
     return kernel.make_initramfs(os.path.join(folder, 'lib/modules', release), job)
 
 
-def qemu(folder, work, display, memory):
+def make_disk(work, size):
+    """Options of QEMU for an empty disk, /dev/vda in the guest, that outlives boots; none for a size of 0."""
+    if size == 0:
+        return []
+    with open(f'{work}/disk', 'ab') as file:
+        file.truncate(size << 20)
+    return ['-drive', f'if=none,id=disk,format=raw,file={work}/disk', '-device', 'virtio-blk-pci,drive=disk']
+
+
+def qemu(folder, work, display, memory, disk):
     program = shutil.which('qemu-system-x86_64')
     if not program:
         raise kernel.Missing('needs the package qemu-system-x86')
@@ -55,7 +64,7 @@ def qemu(folder, work, display, memory):
             '-nodefaults', '-no-reboot', '-no-user-config', '-display', 'none',
             *([] if display == 'none' else ['-device', display]),
             '-kernel', f'{folder}/vmlinux', '-initrd', f'{work}/initramfs', '-append', KERNEL_LINE,
-            '-serial', f'file:{work}/console',
+            '-serial', f'file:{work}/console', *make_disk(work, disk),
             '-chardev', 'stdio,id=output,signal=off', '-chardev', f'file,id=status,path={work}/status',
             '-device', 'virtio-serial', '-device', 'virtserialport,chardev=output,name=lab.output',
             '-device', 'virtserialport,chardev=status,name=lab.status',
@@ -107,16 +116,29 @@ def report(commands, statuses, in_time, console):
     return 1 if failed else 0
 
 
+def run_guest(options, folder, work, commands):
+    """Boot once; the statuses of commands that came to their end, and whether the guest did in time."""
+    with open(f'{work}/initramfs', 'wb') as file:
+        file.write(make_initramfs(folder, commands, options.limit))
+    in_time = boot(qemu(folder, work, options.display, options.memory, options.disk), options.timeout)
+    return [int(line.split()[0]) for line in read(f'{work}/status').splitlines()], in_time
+
+
 def run(options):
     kernels = kernel.kernels()
     if not kernels:
         raise kernel.Missing('no kernel is prepared; run tests/lab/lab.py prepare')
+    commands = options.command
     with tempfile.TemporaryDirectory(prefix='nacre-lab-') as work:
-        with open(f'{work}/initramfs', 'wb') as file:
-            file.write(make_initramfs(kernels[-1], options.command, options.limit))
-        in_time = boot(qemu(kernels[-1], work, options.display, options.memory), options.timeout)
-        statuses = [int(line.split()[0]) for line in read(f'{work}/status').splitlines()]
-        return report(options.command, statuses, in_time, read(f'{work}/console'))
+        while options.cut and len(commands) > 1:
+            statuses, in_time = run_guest(options, kernels[-1], work, commands[:1])
+            if statuses or not in_time:
+                print(f'lab.py:1:{os.path.basename(commands[0])}:FAIL: the guest was to lose its power, and ' +
+                      (f'its command ended with status {statuses[0]}' if statuses else 'ran out of time'))
+                return 1
+            commands = commands[1:]
+        statuses, in_time = run_guest(options, kernels[-1], work, commands)
+        return report(commands, statuses, in_time, read(f'{work}/console'))
 
 
 def parse():
@@ -130,6 +152,9 @@ def parse():
     verb.add_argument('--limit', type=float, default=150, help='seconds that one command may run')
     verb.add_argument('--memory', type=int, default=1024, help='MiB')
     verb.add_argument('--display', default='none', help="the guest's graphics card, as QEMU calls it: bochs-display")
+    verb.add_argument('--disk', type=int, default=0, help='MiB of an empty disk, /dev/vda in the guest; 0: none')
+    verb.add_argument('--cut', action='store_true',
+                      help="boot for each command, as all but the last cut the guest's power (sysrq b)")
     verb.add_argument('command', nargs='+')
     return parser.parse_args()
 
