@@ -96,11 +96,18 @@ static json_t *seconds_json(const struct develop_report *report)
 static json_t *geometry_json(const struct develop_report *report)
 {
     const struct align_report *align = &report->align;
-    return json_pack("{s:s, s:o, s:I, s:I, s:I, s:o, s:o, s:o}", "demosaic",
+    json_t *map = json_array();
+    for (int tile = 0; tile < ALIGN_TILES * ALIGN_TILES; tile++) {
+        (void)json_array_append_new(map,
+                                    real(align->map_px[tile / ALIGN_TILES][tile % ALIGN_TILES]));
+    }
+    return json_pack("{s:s, s:o, s:I, s:I, s:I, s:o, s:o, s:o, s:o, s:s, s:o}", "demosaic",
                      demosaic_names[report->demosaic], "misfit", real(report->misfit), "dots",
                      (json_int_t)align->dots, "matched", (json_int_t)align->matched, "rejected",
                      (json_int_t)align->rejected, "rms_px", real(align->rms_px), "worst_px",
-                     real(align->worst_px), "pixels_per_point", real(report->pixels_per_point));
+                     real(align->worst_px), "pixels_per_point", real(report->pixels_per_point),
+                     "rms_px_by_ninths", map, "lens", lens_model_names[align->lens], "lens_px",
+                     real(align->lens_px));
 }
 
 static json_t *pixels_json(const struct develop_report *report)
@@ -132,6 +139,22 @@ static int print_json(const char *output, const struct develop_report *report,
     return json_print(root, error);
 }
 
+static void print_lens(const struct align_report *align)
+{
+    double worst = 0;
+    for (int tile = 0; tile < ALIGN_TILES * ALIGN_TILES; tile++) {
+        worst = fmax(worst, align->map_px[tile / ALIGN_TILES][tile % ALIGN_TILES]);
+    }
+    (void)printf("%-12s at most %.3f px RMS in a ninth of the region; ", "", worst);
+    if (align->lens == LENS_IDEAL) {
+        (void)printf("no distortion of the lens is called for\n");
+    } else {
+        (void)printf("radial distortion of the lens%s, up to %.2f px\n",
+                     align->lens == LENS_SHIFTED ? " about a centre of its own" : "",
+                     align->lens_px);
+    }
+}
+
 static void print_falloff(const struct develop_report *report)
 {
     if (report->falloff_pairs > 0) {
@@ -159,6 +182,7 @@ static void print_text(const char *output, const struct develop_report *report)
         "%-12s %zu of %zu dots, %zu rejected; %.3f px RMS, %.3f px at worst; %.2f px a point\n",
         "geometry", align->matched, align->dots, align->rejected, align->rms_px, align->worst_px,
         report->pixels_per_point);
+    print_lens(align);
     (void)printf("%-12s %s", "demosaic", demosaic_names[report->demosaic]);
     if (isfinite(report->misfit)) {
         (void)printf(" (frames and fit disagree by %.2g %%)", 100 * report->misfit);

@@ -1,6 +1,7 @@
-/* Where the camera sees each surface point: the homography from the dots patterns. */
+/* Where the camera sees each surface point: homography and lens from the dots patterns. */
 #include "rig/develop/align.h"
 
+#include "rig/develop/match.h"
 #include "rig/develop/missed.h"
 
 #include <math.h>
@@ -14,14 +15,24 @@ enum {
     FINAL_ROUNDS = 12, /* of fitting and rejecting */
 };
 
-/* A dot matches within this share of the distance to its neighbour: below a half, so that no dot matches two. */
-static const double reach_share = 0.45;
+/* How far beyond chance (F) and by how much a lens's distortion must lessen the residuals to be used. */
+static const double lens_certainty = 30;
+static const double lens_gain_px = 0.005;
 
 /* Robust standard deviations at which a match is no longer believed. */
 static const double reject_deviations = 4;
 
 /* Distances below this (px) are never rejected: noise-free frames leave nothing but rounding. */
 static const double reject_floor_px = 0.02;
+
+/* What all fits work on. */
+struct alignment {
+    const struct dots_view *views;
+    size_t count;
+    double spacing;
+    struct point_pair *pairs; /* one per drawn dot */
+    double *scratch;          /* the same */
+};
 
 int align_find_drawn(const uint8_t *levels, int width, int height, struct drawn_dot **drawn,
                      size_t *count, struct nacre_error *error)
@@ -69,94 +80,6 @@ void dots_view_finish(struct dots_view *view)
     }
 }
 
-/* The centroid of the dot's image under the map: not the image of its centre, as perspective enlarges its near
- * half. */
-static struct point image_centroid(const struct homography *map, const struct drawn_dot *dot)
-{
-    struct point corners[4] = {homography_apply(map, (struct point){dot->left, dot->top}),
-                               homography_apply(map, (struct point){dot->right, dot->top}),
-                               homography_apply(map, (struct point){dot->right, dot->bottom}),
-                               homography_apply(map, (struct point){dot->left, dot->bottom})};
-    struct point sum = {0, 0};
-    double area = 0;
-    for (int i = 0; i < 4; i++) {
-        /* Relative to the first corner, so that nothing cancels. */
-        struct point a = {corners[i].x - corners[0].x, corners[i].y - corners[0].y};
-        struct point b = {corners[(i + 1) % 4].x - corners[0].x,
-                          corners[(i + 1) % 4].y - corners[0].y};
-        double cross = a.x * b.y - b.x * a.y;
-        area += cross / 2;
-        sum.x += cross * (a.x + b.x) / 6;
-        sum.y += cross * (a.y + b.y) / 6;
-    }
-    return (struct point){corners[0].x + sum.x / area, corners[0].y + sum.y / area};
-}
-
-static struct point middle_of(const struct drawn_dot *dot)
-{
-    return (struct point){(dot->left + dot->right) / 2.0, (dot->top + dot->bottom) / 2.0};
-}
-
-/* The smallest distance in the drawing between the first dot and another, over all patterns. */
-static double dot_spacing(const struct dots_view *views, size_t count)
-{
-    double least = INFINITY;
-    for (size_t v = 0; v < count; v++) {
-        for (size_t i = 1; i < views[v].drawn_count; i++) {
-            struct point a = middle_of(&views[v].drawn[0]);
-            struct point b = middle_of(&views[v].drawn[i]);
-            least = fmin(least, hypot(b.x - a.x, b.y - a.y));
-        }
-    }
-    return least;
-}
-
-/* Camera pixels per surface point near a point of the surface. */
-static double magnification(const struct homography *map, struct point at)
-{
-    struct point a = homography_apply(map, (struct point){at.x - 0.5, at.y - 0.5});
-    struct point b = homography_apply(map, (struct point){at.x + 0.5, at.y - 0.5});
-    struct point c = homography_apply(map, (struct point){at.x - 0.5, at.y + 0.5});
-    return sqrt(fabs((b.x - a.x) * (c.y - a.y) - (c.x - a.x) * (b.y - a.y)));
-}
-
-/* Pair every whole drawn dot with the nearest seen one within reach under the map. What perspective does to a
- * dot's centroid is taken off the camera's point, so that pairs obey a plain homography. `pairs` holds one per
- * drawn dot. Writes the sum of squared distances with misses counted as the reach. */
-static size_t match(const struct dots_view *views, size_t count, double spacing,
-                    const struct homography *map, struct point_pair *pairs, double *cost)
-{
-    size_t matched = 0;
-    *cost = 0;
-    for (size_t v = 0; v < count; v++) {
-        for (size_t i = 0; i < views[v].drawn_count; i++) {
-            const struct drawn_dot *dot = &views[v].drawn[i];
-            struct point centre = middle_of(dot);
-            struct point expected = image_centroid(map, dot);
-            double reach = reach_share * spacing * magnification(map, centre);
-            double least = reach;
-            const struct point *nearest = NULL;
-            for (size_t k = 0; !dot->cut && k < views[v].seen.count; k++) {
-                const struct point *seen = &views[v].seen.centres[k];
-                double distance = hypot(seen->x - expected.x, seen->y - expected.y);
-                if (distance < least) {
-                    least = distance;
-                    nearest = seen;
-                }
-            }
-            *cost += dot->cut ? 0 : least * least;
-            if (nearest) {
-                struct point image = homography_apply(map, centre);
-                pairs[matched++] = (struct point_pair){
-                    centre,
-                    {nearest->x - expected.x + image.x, nearest->y - expected.y + image.y},
-                    false};
-            }
-        }
-    }
-    return matched;
-}
-
 /* The map that sends the surface's corners to the lit area's in one of the eight ways. */
 static int map_corners(const struct point corners[4], int width, int height, int way,
                        struct homography *map, struct nacre_error *error)
@@ -198,13 +121,15 @@ static double try_way(const struct dots_view *views, size_t count, const struct 
     }
     for (int round = 0; round < TRIAL_ROUNDS; round++) {
         struct homography next;
-        size_t matched = match(views, count, spacing, map, pairs, &cost);
+        const struct camera_map ideal = {.plane = *map};
+        size_t matched = match_dots(views, count, spacing, &ideal, pairs, &cost);
         if (matched < DOTS_NEEDED || homography_fit(pairs, matched, &next, &ignored) != NACRE_OK) {
             return INFINITY;
         }
         *map = next;
     }
-    (void)match(views, count, spacing, map, pairs, &cost);
+    const struct camera_map ideal = {.plane = *map};
+    (void)match_dots(views, count, spacing, &ideal, pairs, &cost);
     return sqrt(cost / (double)expected) +
            0.1 * sqrt(corner_cost(corners, width, height, way, map) / 4);
 }
@@ -217,80 +142,195 @@ static int compare_doubles(const void *a, const void *b)
 }
 
 /* Mark pairs that lie too far off; returns whether any mark changed. `scratch` holds `count` numbers. */
-static bool reject(struct point_pair *pairs, size_t count, const struct homography *map,
+static bool reject(struct point_pair *pairs, size_t count, const struct camera_map *map,
                    double *scratch)
 {
     bool changed = false;
     for (size_t i = 0; i < count; i++) {
-        scratch[i] = homography_distance(map, &pairs[i]);
+        scratch[i] = camera_map_distance(map, &pairs[i]);
     }
     qsort(scratch, count, sizeof *scratch, compare_doubles);
     /* Distances of a round normal distribution have their median at 1.1774 of its deviation in each axis. */
     double deviation = scratch[count / 2] / 1.1774;
     double limit = fmax(reject_deviations * deviation, reject_floor_px);
     for (size_t i = 0; i < count; i++) {
-        bool outlier = homography_distance(map, &pairs[i]) > limit;
+        bool outlier = camera_map_distance(map, &pairs[i]) > limit;
         changed = changed || outlier != pairs[i].outlier;
         pairs[i].outlier = outlier;
     }
     return changed;
 }
 
-static bool same_map(const struct homography *a, const struct homography *b)
+static bool same_map(const struct camera_map *a, const struct camera_map *b)
 {
-    int same = 0;
+    int same = a->lens.k1 == b->lens.k1 && a->lens.k2 == b->lens.k2 ? 1 : 0;
     for (int i = 0; i < 9; i++) {
-        same += a->m[i] == b->m[i] ? 1 : 0;
+        same += a->plane.m[i] == b->plane.m[i] ? 1 : 0;
     }
-    return same == 9;
+    return same == 10;
 }
 
-static int fit_all(const struct dots_view *views, size_t count, double spacing,
-                   struct point_pair *pairs, double *scratch, struct homography *map,
-                   struct align_report *report, struct nacre_error *error)
+static int refine(const struct point_pair *pairs, size_t count, enum lens_model model,
+                  struct camera_map *map, struct nacre_error *error)
+{
+    return model == LENS_IDEAL ? homography_refine(pairs, count, &map->plane, error)
+                               : camera_map_refine(pairs, count, model, map, error);
+}
+
+/* Match, fit and reject until nothing changes, beginning with *map. */
+static int fit_all(const struct alignment *alignment, enum lens_model model, struct camera_map *map,
+                   size_t *matched, struct nacre_error *error)
 {
     int status = NACRE_OK;
     double cost;
-    size_t matched = 0;
     bool changed = true;
+    *matched = 0;
     for (int round = 0; status == NACRE_OK && round < FINAL_ROUNDS && changed; round++) {
-        matched = match(views, count, spacing, map, pairs, &cost);
-        /* match() clears the marks: judge by the map of the round before. */
-        if (matched < DOTS_NEEDED) {
+        *matched = match_dots(alignment->views, alignment->count, alignment->spacing, map,
+                              alignment->pairs, &cost);
+        /* match_dots() clears the marks: judge by the map of the round before. */
+        if (*matched < DOTS_NEEDED) {
             break;
         }
+        struct camera_map before = *map;
         if (round > 0) {
-            (void)reject(pairs, matched, map, scratch);
-        } else {
-            status = homography_fit(pairs, matched, map, error);
+            (void)reject(alignment->pairs, *matched, map, alignment->scratch);
+        } else if (model == LENS_IDEAL) {
+            status = homography_fit(alignment->pairs, *matched, &map->plane, error);
         }
-        struct homography before = *map;
         if (status == NACRE_OK) {
-            status = homography_refine(pairs, matched, map, error);
+            status = refine(alignment->pairs, *matched, model, map, error);
         }
         changed = round < 2 || !same_map(&before, map);
     }
-    report->matched = 0;
-    report->rejected = 0;
-    report->worst_px = 0;
-    for (size_t i = 0; i < matched; i++) {
-        double distance = homography_distance(map, &pairs[i]);
-        report->matched += pairs[i].outlier ? 0 : 1;
-        report->rejected += pairs[i].outlier ? 1 : 0;
-        report->worst_px = pairs[i].outlier ? report->worst_px : fmax(report->worst_px, distance);
-    }
-    report->rms_px = homography_rms(map, pairs, matched);
     return status;
 }
 
+/* Whether `richer`, with `more` parameters, leaves less of the pairs than chance would let it: an F test far beyond any
+ * chance, and by what matters at all. */
+static bool is_called_for(const struct point_pair *pairs, size_t count,
+                          const struct camera_map *plainer, const struct camera_map *richer,
+                          int more)
+{
+    size_t used = 0;
+    for (size_t i = 0; i < count; i++) {
+        used += pairs[i].outlier ? 0 : 1;
+    }
+    double freedom = 2 * (double)used - 12;
+    double before = pow(camera_map_rms(plainer, pairs, count), 2);
+    double after = pow(camera_map_rms(richer, pairs, count), 2);
+    return freedom > 0 && before - after > lens_gain_px * lens_gain_px &&
+           (before - after) / more > lens_certainty * after / freedom;
+}
+
+/* Try lenses of more and more parameters, and keep each only where the residuals of the one before call for it. */
+static int choose_lens(const struct alignment *alignment, struct point middle,
+                       struct camera_map *map, struct align_report *report,
+                       struct nacre_error *error)
+{
+    static const int more[] = {0, 1, 3};
+    size_t matched;
+    struct camera_map best = *map;
+    report->lens = LENS_IDEAL;
+    for (int model = LENS_RADIAL; model <= LENS_SHIFTED; model++) {
+        struct camera_map richer = best;
+        if (model == LENS_RADIAL) {
+            richer.lens = (struct lens){.centre = middle, .unit = hypot(middle.x, middle.y)};
+        }
+        int status = fit_all(alignment, (enum lens_model)model, &richer, &matched, error);
+        /* The plainer one on the same pairs. */
+        struct camera_map plainer = best;
+        if (status == NACRE_OK) {
+            status =
+                refine(alignment->pairs, matched, (enum lens_model)(model - 1), &plainer, error);
+        }
+        if (status != NACRE_OK) {
+            return status;
+        }
+        if (is_called_for(alignment->pairs, matched, &plainer, &richer, more[model])) {
+            best = richer;
+            report->lens = (enum lens_model)model;
+        } else {
+            break;
+        }
+    }
+    *map = best;
+    return NACRE_OK;
+}
+
+/* The largest distance between what this lens and an ideal one see, over the region's border. */
+static double lens_shift(const struct camera_map *map, int width, int height)
+{
+    double most = 0;
+    for (int k = 0; k <= 8; k++) {
+        const struct point border[4] = {{width * k / 8.0, 0},
+                                        {width * k / 8.0, height},
+                                        {0, height * k / 8.0},
+                                        {width, height * k / 8.0}};
+        for (int side = 0; side < 4; side++) {
+            struct point seen = camera_map_apply(map, border[side]);
+            struct point ideal = homography_apply(&map->plane, border[side]);
+            most = fmax(most, hypot(seen.x - ideal.x, seen.y - ideal.y));
+        }
+    }
+    return most;
+}
+
+/* Counts and residuals of the matched pairs. */
+static void note_residuals(const struct point_pair *pairs, size_t count,
+                           const struct camera_map *map, int width, int height,
+                           struct align_report *report)
+{
+    double squares[ALIGN_TILES * ALIGN_TILES] = {0};
+    size_t used[ALIGN_TILES * ALIGN_TILES] = {0};
+    for (size_t i = 0; i < count; i++) {
+        double distance = camera_map_distance(map, &pairs[i]);
+        int column = (int)fmin(ALIGN_TILES * pairs[i].surface.x / width, ALIGN_TILES - 1);
+        int row = (int)fmin(ALIGN_TILES * pairs[i].surface.y / height, ALIGN_TILES - 1);
+        report->rejected += pairs[i].outlier ? 1 : 0;
+        if (!pairs[i].outlier) {
+            report->matched++;
+            report->worst_px = fmax(report->worst_px, distance);
+            squares[row * ALIGN_TILES + column] += distance * distance;
+            used[row * ALIGN_TILES + column]++;
+        }
+    }
+    for (int tile = 0; tile < ALIGN_TILES * ALIGN_TILES; tile++) {
+        report->map_px[tile / ALIGN_TILES][tile % ALIGN_TILES] =
+            used[tile] ? sqrt(squares[tile] / (double)used[tile]) : NAN;
+    }
+    report->rms_px = camera_map_rms(map, pairs, count);
+    report->lens_px = lens_shift(map, width, height);
+}
+
+/* Say where dots are missing, and refuse a map that few of them speak for. */
+static int judge_count(const struct alignment *alignment, const struct camera_map *map, int width,
+                       int height, size_t seen, struct align_report *report,
+                       struct nacre_error *error)
+{
+    if (10 * (report->matched + report->rejected) >= 9 * report->dots) {
+        return NACRE_OK;
+    }
+    missed_describe(alignment->views, alignment->count, map, alignment->spacing, width, height,
+                    report->missed, sizeof report->missed);
+    return 2 * report->matched >= report->dots
+               ? NACRE_OK
+               : nacre_fail(
+                     error,
+                     "only %zu of %zu dots were found where they should be (%zu were seen): %s; is "
+                     "the picture sharp, and the view of the whole region free? Remove the files "
+                     "of such patterns from calibration/ and resume the scan",
+                     report->matched, report->dots, seen, report->missed);
+}
+
 int align_dots(const struct dots_view *views, size_t count, const struct point corners[4],
-               int width, int height, struct homography *homography, struct align_report *report,
-               struct nacre_error *error)
+               int width, int height, struct point middle, struct camera_map *map,
+               struct align_report *report, struct nacre_error *error)
 {
     int status = NACRE_OK;
     size_t drawn = 0;
     size_t seen = 0;
-    double spacing = fmin(dot_spacing(views, count), fmax(width, height));
+    double spacing = fmin(match_dot_spacing(views, count), fmax(width, height));
     double best = INFINITY;
     *report = (struct align_report){0};
     for (size_t v = 0; v < count; v++) {
@@ -314,12 +354,12 @@ int align_dots(const struct dots_view *views, size_t count, const struct point c
         goto out;
     }
     for (int way = 0; way < WAYS; way++) {
-        struct homography map;
-        double cost =
-            try_way(views, count, corners, width, height, way, spacing, pairs, report->dots, &map);
+        struct homography plane;
+        double cost = try_way(views, count, corners, width, height, way, spacing, pairs,
+                              report->dots, &plane);
         if (cost < 0.9 * best) { /* a tie goes to the way tried first */
             best = cost;
-            *homography = map;
+            *map = (struct camera_map){.plane = plane};
         }
     }
     if (isinf(best)) {
@@ -332,18 +372,18 @@ int align_dots(const struct dots_view *views, size_t count, const struct point c
                        seen, report->dots, missed);
         goto out;
     }
-    status = fit_all(views, count, spacing, pairs, scratch, homography, report, error);
-    if (status == NACRE_OK && 10 * (report->matched + report->rejected) < 9 * report->dots) {
-        missed_describe(views, count, homography, spacing, width, height, report->missed,
-                        sizeof report->missed);
+    const struct alignment alignment = {views, count, spacing, pairs, scratch};
+    size_t matched = 0;
+    status = fit_all(&alignment, LENS_IDEAL, map, &matched, error);
+    if (status == NACRE_OK && matched >= DOTS_NEEDED) {
+        status = choose_lens(&alignment, middle, map, report, error);
     }
-    if (status == NACRE_OK && 2 * report->matched < report->dots) {
-        status = nacre_fail(
-            error,
-            "only %zu of %zu dots were found where they should be (%zu were seen): %s; is the "
-            "picture sharp, and the view of the whole region free? Remove the files of such "
-            "patterns from calibration/ and resume the scan",
-            report->matched, report->dots, seen, report->missed);
+    if (status == NACRE_OK) {
+        status = fit_all(&alignment, report->lens, map, &matched, error);
+        note_residuals(pairs, matched, map, width, height, report);
+    }
+    if (status == NACRE_OK) {
+        status = judge_count(&alignment, map, width, height, seen, report, error);
     }
 out:
     free(pairs);

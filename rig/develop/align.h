@@ -1,10 +1,10 @@
-/* Where the camera sees each surface point: the homography from the dots patterns. */
+/* Where the camera sees each surface point: homography and lens from the dots patterns. */
 #ifndef RIG_DEVELOP_ALIGN_H
 #define RIG_DEVELOP_ALIGN_H
 
 #include "nacre/error.h"
+#include "rig/develop/camera_map.h"
 #include "rig/develop/dots.h"
-#include "rig/develop/homography.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -24,11 +24,16 @@ struct dots_view {
     struct dots seen;
 };
 
+enum { ALIGN_TILES = 3 };
+
 struct align_report {
-    size_t dots;      /* that should be seen */
-    size_t matched;   /* that are, and count */
-    size_t rejected;  /* matched, but too far off to count */
-    double rms_px;    /* distance in the camera between dots and where the homography puts them */
+    size_t dots;     /* that should be seen */
+    size_t matched;  /* that are, and count */
+    size_t rejected; /* matched, but too far off to count */
+    double rms_px;   /* distance in the camera between dots and where the map puts them */
+    double map_px[ALIGN_TILES][ALIGN_TILES]; /* the same by ninths of the surface; NaN: no dot */
+    enum lens_model lens;                    /* that the residuals called for */
+    double lens_px;   /* the largest shift by the lens's distortion at the region's border */
     double worst_px;  /* the largest of those that count */
     char missed[256]; /* where dots are missing, see missed.h; empty where nearly all were found */
 };
@@ -44,10 +49,12 @@ int align_find_drawn(const uint8_t *levels, int width, int height, struct drawn_
  * drawn dot with the nearest one seen and fitting again. That way is taken under which the dots of all patterns lie
  * nearest; the patterns are shifted against each other, so only the right one fits them all. Where several fit
  * equally well (two shifts a period) the one that keeps the corners best is taken, and among equals the upright one.
- * Then all matches are fitted, those more than 4 robust deviations off are dropped, until none is. */
+ * Then all matches are fitted, those more than 4 robust deviations off are dropped, until none is. Radial distortion
+ * about the frame's middle is taken in where it lessens the residuals far beyond chance, and its second term and centre
+ * where they do. */
 int align_dots(const struct dots_view *views, size_t count, const struct point corners[4],
-               int width, int height, struct homography *homography, struct align_report *report,
-               struct nacre_error *error);
+               int width, int height, struct point middle, struct camera_map *map,
+               struct align_report *report, struct nacre_error *error);
 
 void dots_view_finish(struct dots_view *view);
 

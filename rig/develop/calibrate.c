@@ -334,7 +334,9 @@ static int calibrate_geometry(const struct session *session, struct visit_progre
     status = quad_find(flat->white, flat->width, flat->height, flat->bayer, corners, error);
     if (status == NACRE_OK) {
         status = align_dots(gathering.views, count, corners, station->sample.width,
-                            station->sample.height, &calibration->map, &calibration->align, error);
+                            station->sample.height,
+                            (struct point){flat->width / 2.0, flat->height / 2.0},
+                            &calibration->map, &calibration->align, error);
     }
     if (status != NACRE_OK) {
         status = nacre_fail_within(error, "%s/calibration", session->path);

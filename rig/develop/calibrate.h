@@ -15,7 +15,7 @@ struct calibration {
     struct noise_model noise;
     struct flat flat;
     struct black_level black;
-    struct homography map;                       /* surface to camera */
+    struct camera_map map;                       /* surface to camera */
     int white_frames, black_frames, dots_frames; /* that were there */
     double black_median; /* of the black level of pixels that see the sample, raw units a second */
     double noise_median; /* of the deviation of one black frame there, raw units a second */

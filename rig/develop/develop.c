@@ -270,10 +270,10 @@ static int check_light(const struct development *development, double noise,
     return NACRE_OK;
 }
 
-static double pixels_per_point(const struct homography *map, double x, double y)
+static double pixels_per_point(const struct camera_map *map, double x, double y)
 {
-    struct point a = homography_apply(map, (struct point){x - 0.5, y});
-    struct point b = homography_apply(map, (struct point){x + 0.5, y});
+    struct point a = camera_map_apply(map, (struct point){x - 0.5, y});
+    struct point b = camera_map_apply(map, (struct point){x + 0.5, y});
     return hypot(b.x - a.x, b.y - a.y);
 }
 

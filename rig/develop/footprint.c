@@ -66,12 +66,13 @@ static struct range range_of(const struct polygon *polygon, int width, int heigh
                           (int)ceil(fmin(right, width)), (int)ceil(fmin(bottom, height))};
 }
 
-static struct polygon view_of(const struct homography *camera_to_surface, int x, int y)
+/* The border of a pixel on the surface; `back` is from the ideal camera. */
+static struct polygon view_of(const struct homography *back, const struct lens *lens, int x, int y)
 {
     struct polygon view = {.count = 4};
     for (int i = 0; i < 4; i++) {
         struct point corner = {x + (i == 1 || i == 2), y + (i >= 2)};
-        view.corners[i] = homography_apply(camera_to_surface, corner);
+        view.corners[i] = homography_apply(back, lens_undistort(lens, corner));
     }
     return view;
 }
@@ -118,14 +119,14 @@ static bool add_row(struct footprints *footprints, size_t *capacity, size_t pixe
     return true;
 }
 
-int footprints_init(struct footprints *footprints, const struct homography *surface_to_camera,
+int footprints_init(struct footprints *footprints, const struct camera_map *surface_to_camera,
                     int width, int height, int surface_width, int surface_height,
                     struct nacre_error *error)
 {
     struct homography back;
     size_t pixels = (size_t)width * (size_t)height;
     size_t capacity = 2 * pixels + 16;
-    if (!homography_invert(surface_to_camera, &back)) {
+    if (!homography_invert(&surface_to_camera->plane, &back)) {
         return nacre_fail(error, "the map from surface to camera is singular");
     }
     *footprints = (struct footprints){.pixels = pixels,
@@ -136,7 +137,8 @@ int footprints_init(struct footprints *footprints, const struct homography *surf
     bool enough =
         footprints->start && footprints->points && footprints->share && footprints->inside;
     for (size_t i = 0; enough && i < pixels; i++) {
-        struct polygon view = view_of(&back, (int)(i % (size_t)width), (int)(i / (size_t)width));
+        struct polygon view = view_of(&back, &surface_to_camera->lens, (int)(i % (size_t)width),
+                                      (int)(i / (size_t)width));
         enough = add_row(footprints, &capacity, i, &view, surface_width, surface_height);
     }
     if (!enough) {

@@ -3,7 +3,7 @@
 #define RIG_DEVELOP_FOOTPRINT_H
 
 #include "nacre/error.h"
-#include "rig/develop/homography.h"
+#include "rig/develop/camera_map.h"
 
 #include <stddef.h>
 #include <stdint.h>
@@ -20,7 +20,7 @@ struct footprints {
 
 /* Map each of width x height camera pixels onto the surface of surface_width x surface_height points and intersect
  * with the points' squares. */
-int footprints_init(struct footprints *footprints, const struct homography *surface_to_camera,
+int footprints_init(struct footprints *footprints, const struct camera_map *surface_to_camera,
                     int width, int height, int surface_width, int surface_height,
                     struct nacre_error *error);
 void footprints_finish(struct footprints *footprints);

@@ -16,12 +16,12 @@ static double share_missing(struct tally tally)
     return tally.dots ? 1 - (double)tally.found / (double)tally.dots : -1;
 }
 
-static bool was_found(const struct dots *seen, const struct homography *map, struct point centre,
+static bool was_found(const struct dots *seen, const struct camera_map *map, struct point centre,
                       double spacing)
 {
-    struct point at = homography_apply(map, centre);
-    struct point right = homography_apply(map, (struct point){centre.x + spacing, centre.y});
-    struct point below = homography_apply(map, (struct point){centre.x, centre.y + spacing});
+    struct point at = camera_map_apply(map, centre);
+    struct point right = camera_map_apply(map, (struct point){centre.x + spacing, centre.y});
+    struct point below = camera_map_apply(map, (struct point){centre.x, centre.y + spacing});
     double reach = reach_share * fmin(hypot(right.x - at.x, right.y - at.y),
                                       hypot(below.x - at.x, below.y - at.y));
     for (size_t k = 0; k < seen->count; k++) {
@@ -39,7 +39,7 @@ static int ninth_of(struct point centre, int width, int height)
     return 3 * row + column;
 }
 
-static struct tally tally_view(const struct dots_view *view, const struct homography *map,
+static struct tally tally_view(const struct dots_view *view, const struct camera_map *map,
                                double spacing, int width, int height, struct tally ninths[9])
 {
     struct tally tally = {0, 0};
@@ -64,7 +64,7 @@ static struct tally tally_view(const struct dots_view *view, const struct homogr
     return tally;
 }
 
-void missed_describe(const struct dots_view *views, size_t count, const struct homography *map,
+void missed_describe(const struct dots_view *views, size_t count, const struct camera_map *map,
                      double spacing, int width, int height, char *text, size_t size)
 {
     static const char *const names[9] = {"upper left", "upper middle", "upper right",

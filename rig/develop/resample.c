@@ -124,7 +124,7 @@ static int list_all(struct resampler *r, const struct flat *flat, struct nacre_e
     return status;
 }
 
-int resampler_new(const struct flat *flat, const struct homography *map, int surface_width,
+int resampler_new(const struct flat *flat, const struct camera_map *map, int surface_width,
                   int surface_height, enum demosaic demosaic, struct resampler **resampler,
                   struct nacre_error *error)
 {

@@ -3,8 +3,8 @@
 #define RIG_DEVELOP_RESAMPLE_H
 
 #include "nacre/error.h"
+#include "rig/develop/camera_map.h"
 #include "rig/develop/flat.h"
-#include "rig/develop/homography.h"
 
 #include <stddef.h>
 
@@ -35,7 +35,7 @@ struct resampler;
 
 /* Make ready for frames of the flat field's size and order. `map` is surface to camera. Keeps neither argument. Fails
  * where more than 1 % of the points are seen by no pixel of some colour. */
-int resampler_new(const struct flat *flat, const struct homography *map, int surface_width,
+int resampler_new(const struct flat *flat, const struct camera_map *map, int surface_width,
                   int surface_height, enum demosaic demosaic, struct resampler **resampler,
                   struct nacre_error *error);
 void resampler_free(struct resampler *resampler); /* NULL is allowed */

@@ -108,6 +108,23 @@ void made_light(const struct made_station *station, const uint8_t *levels, bool 
     }
 }
 
+/* From where the lens shows something to where an ideal one would: by repetition, as the lens is nearly ideal. */
+static void undistort(const struct made_station *station, double *u, double *v)
+{
+    double middle_x = station->camera_width / 2.0 + station->lens_x;
+    double middle_y = station->camera_height / 2.0 + station->lens_y;
+    double unit = hypot(station->camera_width, station->camera_height) / 2;
+    double x = *u - middle_x;
+    double y = *v - middle_y;
+    for (int round = 0; station->lens != 0 && round < 12; round++) {
+        double stretch = 1 + station->lens * (x * x + y * y) / (unit * unit);
+        x = (*u - middle_x) / stretch;
+        y = (*v - middle_y) / stretch;
+    }
+    *u = station->lens != 0 ? x + middle_x : *u;
+    *v = station->lens != 0 ? y + middle_y : *v;
+}
+
 /* What a pixel sees: the mean radiosity of its colour over its view, 0 beside the sample. */
 static double view(const struct made_station *station, const float *radiosity, int px, int py)
 {
@@ -126,6 +143,7 @@ static double view(const struct made_station *station, const float *radiosity, i
         double u = px + 0.5 + ((k % PLACES + 0.5) / PLACES - 0.5) * across;
         int row = k / PLACES;
         double v = py + 0.5 + ((row + 0.5) / PLACES - 0.5) * across;
+        undistort(station, &u, &v);
         double w = determinant_w[0] * u + determinant_w[1] * v + determinant_w[2];
         double x = (determinant_x[0] * u + determinant_x[1] * v + determinant_x[2]) / w;
         double y = (determinant_y[0] * u + determinant_y[1] * v + determinant_y[2]) / w;

@@ -22,13 +22,16 @@ struct made_station {
     enum bayer bayer;
     double pedestal, read_noise, electrons; /* 0: none */
     double map[9];                          /* surface to camera, row by row */
-    double gain[3];     /* raw units a second of a pixel full of radiosity 1, before vignetting */
-    double vignetting;  /* loss in the camera's corners */
-    double blur_px;     /* the lens spreads light over so many pixels more than one */
-    double black;       /* irradiance of a dark projector pixel; of a lit one it is 1 */
-    double reach;       /* decay length of the material, surface points */
-    double white[3];    /* reflectance of the white layer */
-    int dead_x, dead_y; /* a pixel that sees nothing; -1: none */
+    double gain[3];    /* raw units a second of a pixel full of radiosity 1, before vignetting */
+    double vignetting; /* loss in the camera's corners */
+    double
+        lens; /* share of the radius by which the lens moves what is half the frame's diagonal off */
+    double lens_x, lens_y; /* its centre, px from the frame's middle */
+    double blur_px;        /* the lens spreads light over so many pixels more than one */
+    double black;          /* irradiance of a dark projector pixel; of a lit one it is 1 */
+    double reach;          /* decay length of the material, surface points */
+    double white[3];       /* reflectance of the white layer */
+    int dead_x, dead_y;    /* a pixel that sees nothing; -1: none */
 };
 
 /* 40 x 36 points seen by 190 x 170 pixels of 10 bits from aside, with all kinds of noise. */

@@ -112,24 +112,36 @@ static void take_pictures(double deviation)
     free(levels);
 }
 
-static int find(struct homography *map, struct align_report *report)
+static int find(struct camera_map *map, struct align_report *report)
 {
     struct point corners[4];
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK,
                                   quad_find(white, station.camera_width, station.camera_height,
                                             station.bayer, corners, &error),
                                   error.text);
-    return align_dots(views, PATTERNS, corners, station.width, station.height, map, report, &error);
+    return align_dots(views, PATTERNS, corners, station.width, station.height,
+                      (struct point){station.camera_width / 2.0, station.camera_height / 2.0}, map,
+                      report, &error);
+}
+
+/* Where the made lens shows what an ideal one shows at `p`. */
+static struct point distorted(struct point p)
+{
+    double x = p.x - station.camera_width / 2.0 - station.lens_x;
+    double y = p.y - station.camera_height / 2.0 - station.lens_y;
+    double unit = hypot(station.camera_width, station.camera_height) / 2;
+    double stretch = station.lens * (x * x + y * y) / (unit * unit);
+    return (struct point){p.x + stretch * x, p.y + stretch * y};
 }
 
 /* Largest distance between found and true image of a surface point, in camera pixels. */
-static double worst_distance(const struct homography *map)
+static double worst_distance(const struct camera_map *map)
 {
     double worst = 0;
     for (int y = 0; y <= station.height; y += 4) {
         for (int x = 0; x <= station.width; x += 4) {
-            struct point p = homography_apply(map, (struct point){x, y});
-            struct point q = homography_apply(&truth, (struct point){x, y});
+            struct point p = camera_map_apply(map, (struct point){x, y});
+            struct point q = distorted(homography_apply(&truth, (struct point){x, y}));
             worst = fmax(worst, hypot(p.x - q.x, p.y - q.y));
         }
     }
@@ -200,7 +212,7 @@ static void drawn_dots_are_listed_and_those_at_the_border_marked(void)
 
 static void map_is_found_to_a_twentieth_of_a_pixel_in_noise(void)
 {
-    struct homography map;
+    struct camera_map map;
     struct align_report report;
     turn_camera(0);
     take_pictures(0.02);
@@ -216,7 +228,7 @@ static void map_is_found_to_a_twentieth_of_a_pixel_in_noise(void)
 static void every_turn_and_mirror_of_the_camera_is_recognised(void)
 {
     for (int way = 0; way < 8; way++) {
-        struct homography map;
+        struct camera_map map;
         struct align_report report;
         station = made_station_usual();
         turn_camera(way);
@@ -228,9 +240,61 @@ static void every_turn_and_mirror_of_the_camera_is_recognised(void)
     }
 }
 
+static void lens_without_distortion_is_left_ideal(void)
+{
+    struct camera_map map;
+    struct align_report report;
+    turn_camera(0);
+    take_pictures(0.02);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, find(&map, &report), error.text);
+    TEST_ASSERT_EQUAL_INT(LENS_IDEAL, report.lens);
+    TEST_ASSERT_EQUAL_DOUBLE(0, report.lens_px);
+    for (int i = 0; i < ALIGN_TILES * ALIGN_TILES; i++) {
+        /* Some 20 dots each: within a third of the mean of all. */
+        double tile = report.map_px[i / ALIGN_TILES][i % ALIGN_TILES];
+        TEST_ASSERT_TRUE(tile > report.rms_px / 2 && tile < 1.7 * report.rms_px);
+    }
+}
+
+static void radial_distortion_is_found_where_there_is_some(void)
+{
+    /* Barrel and cushion of up to 2.4 and 1.2 px at the region's corners. */
+    const double strengths[] = {-0.03, 0.015};
+    for (int k = 0; k < 2; k++) {
+        struct camera_map map;
+        struct align_report report;
+        station = made_station_usual();
+        station.lens = strengths[k];
+        turn_camera(0);
+        take_pictures(0.005);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, find(&map, &report), error.text);
+        TEST_ASSERT_EQUAL_INT(LENS_RADIAL, report.lens);
+        /* 0.0046 px of noise in a centre and 0.01 to 0.02 of the made camera's sampling (see above). */
+        TEST_ASSERT_DOUBLE_WITHIN(0.05, 0, report.rms_px);
+        TEST_ASSERT_DOUBLE_WITHIN(0.04, 0, worst_distance(&map));
+        TEST_ASSERT_TRUE(report.lens_px > 30 * fabs(strengths[k]));
+        tearDown();
+    }
+}
+
+static void distortion_about_another_centre_is_found(void)
+{
+    struct camera_map map;
+    struct align_report report;
+    station.lens = -0.05;
+    station.lens_x = 30;
+    station.lens_y = -20;
+    turn_camera(0);
+    take_pictures(0.005);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, find(&map, &report), error.text);
+    TEST_ASSERT_EQUAL_INT(LENS_SHIFTED, report.lens);
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, 0, report.rms_px);
+    TEST_ASSERT_DOUBLE_WITHIN(0.06, 0, worst_distance(&map));
+}
+
 static void dots_that_moved_are_rejected(void)
 {
-    struct homography map;
+    struct camera_map map;
     struct align_report report;
     turn_camera(0);
     take_pictures(0.005);
@@ -247,7 +311,7 @@ static void dots_that_moved_are_rejected(void)
 static void centres_know_no_vignetting_and_no_colour(void)
 {
     /* The same picture with strong vignetting and very different colour filters moves no centre. */
-    struct homography map;
+    struct camera_map map;
     struct align_report report;
     station.vignetting = 0.6;
     station.gain[0] /= 4;
@@ -262,7 +326,7 @@ static void centres_know_no_vignetting_and_no_colour(void)
 
 static void dots_not_seen_are_an_error_that_says_so(void)
 {
-    struct homography map;
+    struct camera_map map;
     struct align_report report;
     turn_camera(0);
     take_pictures(0);
@@ -275,7 +339,7 @@ static void dots_not_seen_are_an_error_that_says_so(void)
 
 static void dots_of_another_spacing_are_refused(void)
 {
-    struct homography map;
+    struct camera_map map;
     struct align_report report;
     turn_camera(0);
     take_pictures(0);
@@ -315,6 +379,9 @@ int main(void)
     RUN_TEST(drawn_dots_are_listed_and_those_at_the_border_marked);
     RUN_TEST(map_is_found_to_a_twentieth_of_a_pixel_in_noise);
     RUN_TEST(every_turn_and_mirror_of_the_camera_is_recognised);
+    RUN_TEST(lens_without_distortion_is_left_ideal);
+    RUN_TEST(radial_distortion_is_found_where_there_is_some);
+    RUN_TEST(distortion_about_another_centre_is_found);
     RUN_TEST(dots_that_moved_are_rejected);
     RUN_TEST(centres_know_no_vignetting_and_no_colour);
     RUN_TEST(dots_not_seen_are_an_error_that_says_so);

@@ -10,7 +10,7 @@
 #include <string.h>
 
 static struct made_station station;
-static struct homography map;
+static struct camera_map map;
 static struct nacre_error error;
 static size_t points, pixels;
 static float *radiosity, *frame, *reflected;
@@ -22,7 +22,7 @@ static void choose(enum bayer bayer, double vignetting)
     station = made_station_usual();
     station.bayer = bayer;
     station.vignetting = vignetting;
-    memcpy(map.m, station.map, sizeof map.m);
+    memcpy(map.plane.m, station.map, sizeof map.plane.m);
     points = (size_t)station.width * (size_t)station.height;
     pixels = (size_t)station.camera_width * (size_t)station.camera_height;
     radiosity = malloc(3 * points * sizeof *radiosity);
@@ -121,8 +121,8 @@ static void footprints_share_out_every_pixel(void)
         {0, 0}, {station.width, 0}, {station.width, station.height}, {0, station.height}};
     double twice = 0;
     for (int i = 0; i < 4; i++) {
-        struct point a = homography_apply(&map, surface[i]);
-        struct point b = homography_apply(&map, surface[(i + 1) % 4]);
+        struct point a = camera_map_apply(&map, surface[i]);
+        struct point b = camera_map_apply(&map, surface[(i + 1) % 4]);
         twice += a.x * b.y - b.x * a.y;
     }
     /* `inside` is measured on the surface, where perspective makes a pixel's far half larger by 1 in a thousand. */
@@ -133,7 +133,7 @@ static void footprints_share_out_every_pixel(void)
 static void footprints_of_a_plain_grid_are_known(void)
 {
     /* 2.5 pixels a point: pixel 2 straddles points 0 and 1 in halves. */
-    const struct homography plain = {{2.5, 0, 0, 0, 2.5, 0, 0, 0, 1}};
+    const struct camera_map plain = {.plane = {{2.5, 0, 0, 0, 2.5, 0, 0, 0, 1}}};
     struct footprints f;
     TEST_ASSERT_EQUAL_INT(NACRE_OK, footprints_init(&f, &plain, 10, 10, 4, 4, &error));
     TEST_ASSERT_EQUAL_UINT(1, f.start[1] - f.start[0]);
@@ -185,7 +185,7 @@ static void solve_dense(const struct footprints *f, const float *weight, size_t 
 static void fit_agrees_with_dense_elimination(void)
 {
     enum { SIDE = 8, CAMERA = 21 };
-    const struct homography slanted = {{2.3, 0.2, 1, -0.1, 2.4, 1.2, 0.003, 0.002, 1}};
+    const struct camera_map slanted = {.plane = {{2.3, 0.2, 1, -0.1, 2.4, 1.2, 0.003, 0.002, 1}}};
     struct made_random random = {5};
     struct footprints f;
     float weight[CAMERA * CAMERA];
@@ -291,7 +291,7 @@ static double mean_light(struct light light, const struct homography *back, int 
 static void show_light(struct light light)
 {
     struct homography back;
-    TEST_ASSERT_TRUE(homography_invert(&map, &back));
+    TEST_ASSERT_TRUE(homography_invert(&map.plane, &back));
     for (size_t i = 0; i < pixels; i++) {
         int x = (int)i % station.camera_width;
         int y = (int)i / station.camera_width;
@@ -393,7 +393,7 @@ static void unmeasured_pixels_do_not_spread(void)
     make_resampler(DEMOSAIC_FIT);
     show_spots();
     /* All pixels around the image of point (20, 18)'s middle are lost: 4.4 x 4.4 is what it covers. */
-    struct point middle = homography_apply(&map, (struct point){20.5, 18.5});
+    struct point middle = camera_map_apply(&map, (struct point){20.5, 18.5});
     for (int y = -2; y <= 2; y++) {
         for (int x = -2; x <= 2; x++) {
             frame[((int)middle.y + y) * station.camera_width + (int)middle.x + x] = NAN;
@@ -434,9 +434,9 @@ static void too_coarse_a_camera_is_refused(void)
 {
     /* Less than a pixel a point: many points are seen by no red pixel. */
     for (int i = 0; i < 6; i++) {
-        map.m[i] /= 5;
+        map.plane.m[i] /= 5;
     }
-    memcpy(station.map, map.m, sizeof map.m);
+    memcpy(station.map, map.plane.m, sizeof map.plane.m);
     make_flat(NULL);
     TEST_ASSERT_EQUAL_INT(NACRE_FAILED, resampler_new(&flat, &map, station.width, station.height,
                                                       DEMOSAIC_FIT, &resampler, &error));
