@@ -175,12 +175,12 @@ static int print_json(const struct sequence_result *result, const struct station
                                   json_integer((json_int_t)result->retaken[i]));
     }
     return json_print(
-        json_pack("{s:I, s:I, s:I, s:I, s:o, s:f, s:o, s:f, s:I}", "patterns",
+        json_pack("{s:I, s:I, s:I, s:I, s:o, s:I, s:f, s:o, s:f, s:I}", "patterns",
                   (json_int_t)result->patterns, "measured_before", (json_int_t)result->skipped,
                   "frames", (json_int_t)result->exposures, "retries", (json_int_t)result->retries,
-                  "retaken", retaken, "station_seconds", (double)result->station_ns * 1e-9,
-                  "seconds", seconds, "overhead_turns", sequence_overhead_turns(result, station),
-                  "bytes", (json_int_t)result->bytes),
+                  "retaken", retaken, "insisted", (json_int_t)result->insisted, "station_seconds",
+                  (double)result->station_ns * 1e-9, "seconds", seconds, "overhead_turns",
+                  sequence_overhead_turns(result, station), "bytes", (json_int_t)result->bytes),
         error);
 }
 
@@ -198,6 +198,10 @@ static void print_text(const struct sequence_result *result, const struct statio
         }
     }
     printf("%s\n", result->retries ? ")" : "");
+    if (result->insisted) {
+        printf("%-13s %zu changes of it were insisted on and not seen\n", "white layer",
+               result->insisted);
+    }
     print_duration("station time", (double)result->station_ns * 1e-9);
     list_shares(&result->times, shares);
     for (int i = 0; i < SHARES; i++) {
@@ -245,7 +249,8 @@ static int measure(const char *path, const struct scan_settings *settings, struc
 {
     struct session session = {0};
     struct sequence_result result;
-    const struct sequence_options options = {.retries = settings->retries};
+    const struct sequence_options options = {.retries = settings->retries,
+                                             .check_layer = !stand->simulated};
     const struct sequence_operator who = operator_of(stand, person);
     int status =
         session_create(path, settings->station, settings->plan, settings->resume, &session, error);

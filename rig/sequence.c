@@ -2,6 +2,7 @@
  * disk. */
 #include "rig/sequence.h"
 
+#include "rig/layer_check.h"
 #include "rig/sequence_writer.h"
 
 #include <math.h>
@@ -18,7 +19,8 @@ struct run {
     struct sequence_writer *writer;
     struct exposer exposer;
     uint8_t *levels; /* [projector height][projector width] */
-    bool layer_known, layer_on;
+    bool layer_known, layer_on, check_layer;
+    struct layer_check layer; /* with check_layer */
 };
 
 /* Add what has passed on the station's clock since `began_ns`. */
@@ -55,15 +57,61 @@ static int check_devices(const struct devices *devices, const struct session *se
     return NACRE_OK;
 }
 
+/* How often the person is asked for one change of the layer. */
+enum { REQUESTS = 3 };
+
+/* Ask the person, whose time it is. */
+static int ask(struct run *run, bool on, struct nacre_error *error)
+{
+    int64_t began_ns = clock_now_ns(run->devices->clock);
+    int status = run->person->white_layer(run->person->context, on, error);
+    account(run, began_ns, &run->result->times.person_ns);
+    return status;
+}
+
+/* Ask until a check frame shows that it was done, or the person insists. */
+static int ask_and_check(struct run *run, bool on, struct nacre_error *error)
+{
+    const struct sequence_operator *person = run->person;
+    enum layer_verdict verdict = LAYER_UNCLEAR;
+    char why[256] = "";
+    int status = layer_check_before(&run->layer, error);
+    for (int i = 0; i < REQUESTS && status == NACRE_OK; i++) {
+        if (i > 0 && person->layer_doubted) {
+            person->layer_doubted(person->context, why);
+        }
+        status = ask(run, on, error);
+        if (status != NACRE_OK) {
+            break;
+        }
+        status = layer_check_after(&run->layer, on, &verdict, why, sizeof why, error);
+        if (status == NACRE_OK && verdict == LAYER_RIGHT) {
+            return NACRE_OK;
+        }
+        if (status == NACRE_OK && verdict == LAYER_MOVED) {
+            return nacre_fail(error,
+                              "%s since this session's calibration; put it back, or begin a new "
+                              "session",
+                              why);
+        }
+    }
+    if (status == SEQUENCE_INSISTED) {
+        run->result->insisted++;
+        return NACRE_OK;
+    }
+    return status == NACRE_OK
+               ? nacre_fail(error, "white layer: asked %d times to %s. %s; see to it and resume",
+                            REQUESTS, on ? "lay it on" : "take it off", why)
+               : status;
+}
+
 static int lay_white_layer(struct run *run, enum pattern_kind kind, struct nacre_error *error)
 {
     bool on = pattern_kind_wants_white_layer(kind);
     int status = NACRE_OK;
     if (!run->layer_known || run->layer_on != on) {
-        int64_t began_ns = clock_now_ns(run->devices->clock);
-        status = run->person->white_layer(run->person->context, on, error);
+        status = run->check_layer ? ask_and_check(run, on, error) : ask(run, on, error);
         status = status == SEQUENCE_INSISTED ? NACRE_OK : status;
-        account(run, began_ns, &run->result->times.person_ns);
         run->layer_known = status == NACRE_OK;
         run->layer_on = on;
     }
@@ -124,6 +172,9 @@ static int measure(struct run *run, struct pattern pattern, struct nacre_error *
     }
     if (status != NACRE_OK) {
         goto out;
+    }
+    if (run->check_layer) {
+        layer_check_remember(&run->layer, &frames);
     }
     int64_t handed_ns = clock_now_ns(run->devices->clock);
     status = sequence_writer_put(run->writer, &frames, error);
@@ -210,7 +261,10 @@ static int prepare(struct run *run, struct sequence_needs *needs, struct nacre_e
     if (!run->levels) {
         return nacre_fail_memory(error, "a pattern");
     }
-    return sequence_writer_new(run->session, &run->writer, error);
+    if (run->check_layer) {
+        status = layer_check_begin(&run->layer, &run->exposer, run->session, run->levels, error);
+    }
+    return status == NACRE_OK ? sequence_writer_new(run->session, &run->writer, error) : status;
 }
 
 /* What the run leaves to be told. */
@@ -246,7 +300,8 @@ int sequence_run(const struct devices *devices, const struct session *session,
         .session = session,
         .person = person,
         .result = result,
-        .exposer = {.devices = devices,
+        .check_layer = options->check_layer,
+                      .exposer = {.devices = devices,
                     .retries = options->retries,
                     .tolerance_ns = options->tolerance_ns
                                         ? options->tolerance_ns
@@ -275,6 +330,7 @@ int sequence_run(const struct devices *devices, const struct session *session,
 out:
     sum_up(&run, began_ns);
     sequence_writer_free(run.writer);
+    layer_check_finish(&run.layer);
     free(run.levels);
     free(patterns);
     return status;

@@ -41,6 +41,7 @@ struct sequence_options {
     int retries;          /* of one exposure, after the first try */
     int64_t tolerance_ns; /* by which a frame may begin before or after its trigger; 0: as the
                              station says */
+    bool check_layer;     /* after each change of the white layer look whether it was done */
 };
 
 /* What a whole plan needs. */
@@ -63,6 +64,7 @@ struct sequence_result {
     size_t patterns, skipped;  /* measured now; measured before */
     size_t exposures, retries; /* kept; taken again */
     size_t retaken[RETAKES];   /* what was taken again, by reason */
+    size_t insisted;           /* changes of the white layer that no check frame showed */
     int64_t station_ns;        /* on the station's clock */
     struct sequence_times times;
     uint64_t bytes; /* of the pattern files written */
