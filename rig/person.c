@@ -7,11 +7,10 @@
 #include <poll.h>
 #include <stdio.h>
 #include <string.h>
-#include <sys/signalfd.h>
 #include <termios.h>
 #include <unistd.h>
 
-/* How soon Ctrl-C is noticed: another thread may have taken the signal, which does not end a wait here. */
+/* How soon signals are noticed: another thread may have taken the signal, which does not end a wait here. */
 enum { ROUND_MS = 100 };
 
 /* Beside what white_layer may return. */
@@ -20,46 +19,41 @@ enum { UNANSWERED = SEQUENCE_INSISTED + 1 };
 /* What insists, typed before Enter. */
 static const char insisting[] = "sure";
 
+/* What answers, in the order of person.before. */
+static const int answers[] = {SIGUSR1, SIGUSR2};
+
+/* A signal handler can reach nothing but an object of static storage. Signals are not blocked and read from a descriptor,
+ * as libraries start threads of their own before main. */
+static volatile sig_atomic_t signalled;
+
+static void note_answer(int number)
+{
+    signalled = number;
+}
+
 int person_begin(struct person *person, struct progress *progress, struct nacre_error *error)
 {
-    sigset_t wanted;
-    *person =
-        (struct person){.progress = progress, .terminal = isatty(STDIN_FILENO), .signals = -1};
-    (void)sigemptyset(&wanted); /* fail for unknown signals only */
-    (void)sigaddset(&wanted, SIGUSR1);
-    (void)sigaddset(&wanted, SIGUSR2);
-    (void)sigprocmask(SIG_BLOCK, &wanted, &person->before);
-    person->signals = signalfd(-1, &wanted, SFD_CLOEXEC | SFD_NONBLOCK);
-    if (person->signals < 0) {
-        int number = errno;
-        person_end(person);
-        return nacre_fail_errno(error, number, "cannot wait for signals");
+    const struct sigaction noting = {.sa_handler = note_answer, .sa_flags = SA_RESTART};
+    *person = (struct person){.progress = progress, .terminal = isatty(STDIN_FILENO)};
+    for (int i = 0; i < 2; i++) {
+        if (sigaction(answers[i], &noting, &person->before[i]) != 0) {
+            return nacre_fail_errno(error, errno, "cannot wait for signals");
+        }
     }
     return NACRE_OK;
 }
 
-/* A signal that nobody waits for any longer must not end the program when it is let through. */
-static void drop_signals(struct person *person)
-{
-    struct signalfd_siginfo signal;
-    while (read(person->signals, &signal, sizeof signal) == (ssize_t)sizeof signal) {
-    }
-}
-
 void person_end(struct person *person)
 {
-    if (person->signals >= 0) {
-        drop_signals(person);
-        (void)close(person->signals);
-        person->signals = -1;
+    for (int i = 0; i < 2; i++) {
+        (void)sigaction(answers[i], &person->before[i], NULL); /* as person_begin could */
     }
-    (void)sigprocmask(SIG_SETMASK, &person->before, NULL);
 }
 
 /* Answers to what was not asked yet do not count. */
 static void forget_answers(struct person *person)
 {
-    drop_signals(person);
+    signalled = 0;
     if (person->terminal) {
         (void)tcflush(STDIN_FILENO, TCIFLUSH); /* a terminal that is gone is noticed when read */
     }
@@ -83,29 +77,19 @@ static int read_answer(struct nacre_error *error)
     return insists ? SEQUENCE_INSISTED : NACRE_OK;
 }
 
-static int read_signal(struct person *person)
-{
-    struct signalfd_siginfo signal;
-    if (read(person->signals, &signal, sizeof signal) != (ssize_t)sizeof signal) {
-        return UNANSWERED;
-    }
-    return signal.ssi_signo == SIGUSR2 ? SEQUENCE_INSISTED : NACRE_OK;
-}
-
 static int wait_answer(struct person *person, struct nacre_error *error)
 {
-    struct pollfd sources[] = {{.fd = person->signals, .events = POLLIN},
-                               {.fd = STDIN_FILENO, .events = POLLIN}};
+    struct pollfd input = {.fd = STDIN_FILENO, .events = POLLIN};
     int answer = UNANSWERED;
     while (answer == UNANSWERED) {
-        int found = poll(sources, person->terminal ? 2 : 1, ROUND_MS);
+        int found = poll(&input, person->terminal ? 1 : 0, ROUND_MS);
         int status = progress_step(NULL, 0, 0, NULL, error);
         if (status != NACRE_OK) {
             return status;
         }
-        if (found > 0 && sources[0].revents) {
-            answer = read_signal(person);
-        } else if (found > 0 && sources[1].revents) {
+        if (signalled) {
+            answer = signalled == SIGUSR2 ? SEQUENCE_INSISTED : NACRE_OK;
+        } else if (found > 0 && input.revents) {
             answer = read_answer(error);
         }
     }

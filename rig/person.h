@@ -9,14 +9,12 @@
 #include <stdbool.h>
 
 struct person {
-    struct progress *progress; /* whose bar is wiped before a question; may be NULL */
-    bool terminal;             /* answers come from standard input; otherwise by signals */
-    int signals;               /* a descriptor that SIGUSR1 and SIGUSR2 are read from */
-    sigset_t before;           /* signals that were blocked before person_begin */
+    struct progress *progress;  /* whose bar is wiped before a question; may be NULL */
+    bool terminal;              /* answers come from standard input; otherwise by signals */
+    struct sigaction before[2]; /* what SIGUSR1 and SIGUSR2 did before person_begin */
 };
 
-/* Get ready to ask: Enter answers where standard input is a terminal, and SIGUSR1 everywhere. To be called before other
- * threads are started, as they must not take the signals. */
+/* Get ready to ask: Enter answers where standard input is a terminal, and SIGUSR1 everywhere. One at a time. */
 int person_begin(struct person *person, struct progress *progress, struct nacre_error *error);
 void person_end(struct person *person);
 
