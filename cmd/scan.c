@@ -1,5 +1,6 @@
 /* nacre scan: a whole acquisition in this process. */
 #include "cmd/json_print.h"
+#include "cmd/scan_explain.h"
 #include "cmd/stand.h"
 #include "cmd/verbs.h"
 #include "rig/person.h"
@@ -7,13 +8,14 @@
 
 #include <errno.h>
 #include <jansson.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
 
 struct scan_settings {
     const char *station, *plan;
-    bool resume, dry_run;
+    bool resume, dry_run, explain;
     int retries;
 };
 
@@ -40,6 +42,11 @@ static const struct option_spec scan_options[] = {
      .kind = OPTION_FLAG,
      .offset = offsetof(struct scan_settings, dry_run),
      .sentence = "only say what would be measured, how long it takes and what disk it needs"},
+    {.name = "explain",
+     .kind = OPTION_FLAG,
+     .offset = offsetof(struct scan_settings, explain),
+     .sentence = "measure nothing; list each effect of a virtual station: simulated or not, what "
+                 "calls for it, and its cost"},
     {.name = "retries",
      .kind = OPTION_INT,
      .argument = "N",
@@ -112,6 +119,20 @@ static int read_settings(const char *path, const struct scan_settings *settings,
     return session_read_settings(settings->station, settings->plan, session, error);
 }
 
+/* The effects of the station file, or of the session's own. */
+static int explain(const struct session *session, const struct scan_settings *settings, bool json,
+                   struct nacre_error *error)
+{
+    char *own = NULL;
+    if (asprintf(&own, "%s/station.yaml", session->path) < 0) {
+        return nacre_fail_memory(error, "a path");
+    }
+    int status = scan_explain(session, settings->station ? settings->station : own, json, error);
+    free(own);
+    return status;
+}
+
+/* What would be done, without doing it. */
 static int dry_run(const char *path, const struct scan_settings *settings, bool json,
                    struct nacre_error *error)
 {
@@ -126,10 +147,13 @@ static int dry_run(const char *path, const struct scan_settings *settings, bool 
     if (status != NACRE_OK) {
         goto out;
     }
-    if (json) {
+    if (json && !settings->explain) {
         status = json_print(plan_as_json(&session, &needs), error);
-    } else {
+    } else if (settings->dry_run && !json) {
         print_plan(&session, &needs);
+    }
+    if (settings->explain) {
+        status = explain(&session, settings, json, error);
     }
 out:
     session_finish(&session);
@@ -327,8 +351,8 @@ static int run(const void *values, const struct invocation *invocation, struct n
         (void)nacre_fail(error, "%s: a new session needs a station file (--station)", path);
         return OPTIONS_WRONG_USAGE;
     }
-    return settings->dry_run ? dry_run(path, settings, invocation->json, error)
-                             : scan(path, settings, invocation, error);
+    return settings->dry_run || settings->explain ? dry_run(path, settings, invocation->json, error)
+                                                  : scan(path, settings, invocation, error);
 }
 
 const struct verb verb_scan = {

@@ -1,6 +1,7 @@
 /* nacre simulate: the exact responses of a described sample. */
 #include "base/clock.h"
 #include "base/picture.h"
+#include "cmd/effects_print.h"
 #include "cmd/json_print.h"
 #include "cmd/verbs.h"
 #include "rig/virtual/explain.h"
@@ -61,51 +62,18 @@ static const struct option_spec simulate_options[] = {
      .sentence = "list each effect: simulated or not, why, and its cost"},
     {0}};
 
-static json_t *effects_as_json(const struct effect *effects, size_t count)
-{
-    json_t *list = json_array();
-    for (size_t i = 0; i < count && list; i++) {
-        json_t *entry = json_pack("{s:s, s:b, s:i, s:f, s:s}", "effect", effects[i].name,
-                                  "simulated", effects[i].simulated, "line", effects[i].line,
-                                  "seconds", effects[i].seconds, "reason", effects[i].reason);
-        if (json_array_append_new(list, entry)) {
-            json_decref(list);
-            list = NULL;
-        }
-    }
-    return list;
-}
-
-static void print_effects(const char *path, const struct effect *effects, size_t count)
-{
-    for (size_t i = 0; i < count; i++) {
-        const struct effect *effect = &effects[i];
-        printf("%-9s %-36s", effect->simulated ? "simulated" : "left out", effect->name);
-        if (effect->seconds > 0) {
-            printf(" %6.1f s  ", effect->seconds);
-        } else {
-            printf(" %8s  ", "");
-        }
-        printf("%s", effect->reason);
-        if (effect->line) {
-            printf(" (%s:%d)", path, effect->line);
-        }
-        printf("\n");
-    }
-    printf("Seconds are estimates for one core; effects without any cost nothing beyond the "
-           "others'.\n");
-}
-
 static int explain(const char *path, const struct sample *sample, const struct transport *transport,
                    const struct solver_choice *choice, bool json, struct nacre_error *error)
 {
+    struct effects_subject subject = {
+        NULL, path, "s", 1,
+        "Seconds are estimates for one core; effects without any cost "
+        "nothing beyond the others'."};
     struct effect *effects = NULL;
     size_t count = 0;
     int status = explain_effects(sample, transport, choice, &effects, &count, error);
-    if (!status && json) {
-        status = json_print(effects_as_json(effects, count), error);
-    } else if (!status) {
-        print_effects(path, effects, count);
+    if (!status) {
+        status = effects_print(&subject, effects, count, json, error);
     }
     free(effects);
     return status;

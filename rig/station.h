@@ -34,7 +34,8 @@ struct station_camera {
     double read_noise;   /* standard deviation, raw units; 0: none */
     double electrons;    /* photo-electrons in one raw unit, for the shot noise; 0: no shot noise */
     double tolerance_ms; /* by which a frame may begin before or after its trigger */
-    struct v4l2_settings v4l2; /* of the driver v4l2 */
+    struct v4l2_settings v4l2;           /* of the driver v4l2 */
+    int read_noise_line, electrons_line; /* in the file, for messages */
 };
 
 struct station_projector {
@@ -56,6 +57,9 @@ struct station {
     double white_reflectance[3]; /* R G B, of the white diffuse layer */
     char *plan;                  /* plan file that is used unless another is named; may be NULL */
     struct virtual_settings simulated; /* key `virtual`: of the drivers called virtual */
+    char **without;                    /* names of effects that are not to be simulated; heap */
+    size_t without_count;
+    int without_line; /* in the file */
 };
 
 extern const struct settings_schema station_schema;

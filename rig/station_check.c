@@ -4,6 +4,7 @@
 #include "rig/camera_format.h"
 #include "rig/camera_v4l2.h"
 #include "rig/display_choice.h"
+#include "rig/virtual/settings_check.h"
 
 static int check_levels(const char *path, const struct station_camera *camera,
                         struct nacre_error *error)
@@ -95,6 +96,9 @@ int station_check(const char *path, const struct station *station, struct nacre_
     }
     if (status == NACRE_OK && station->trigger.driver == TRIGGER_DRIVER_GPIO) {
         status = check_gpio(path, &station->trigger.gpio, error);
+    }
+    if (status == NACRE_OK) {
+        status = virtual_settings_check(path, station, error);
     }
     return status;
 }

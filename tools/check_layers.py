@@ -18,9 +18,11 @@ MAY_USE = {
     'cmd': ['study', 'factor', 'render', 'rig/virtual', 'rig/develop', 'rig', 'lib/base', 'lib/nacre'],
     'tests': ['firmware', 'study', 'factor', 'render', 'rig/virtual', 'rig/develop', 'rig', 'lib/base', 'lib/nacre'],
 }
-# A station file holds the settings of every driver, of the virtual ones too; they are data without code behind them.
+# A station file holds the settings of every driver, of the virtual ones too; behind them are only the checks of single
+# values, which the station's library holds.
 # The trigger board's back end speaks the firmware's protocol; nothing else of the firmware is for the host.
 EXCEPTIONS = {('rig/station.h', 'rig/virtual/settings.h'), ('rig/station.c', 'rig/virtual/settings.h'),
+              ('rig/station_check.c', 'rig/virtual/settings_check.h'),
               ('rig/trigger_usb.c', 'firmware/protocol.h'), ('rig/trigger_usb.h', 'firmware/protocol.h')}
 # Headers from outside that a layer must do without: the public library has no OpenCL.
 OUTSIDE = {'lib/nacre': ('CL/', 'yaml.h', 'jansson.h')}

@@ -6,7 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 
-enum { FIXED_EFFECTS = 10 + SOLVERS };
+enum { FIXED_EFFECTS = 12 + SOLVERS };
 
 /* Measured on one 2 to 3 GHz core: a voxel for 8 responses, and finding the material of one place. */
 static const double VOXEL_SECONDS = 300e-9;
@@ -117,21 +117,40 @@ static void add_solvers(struct list *list, const struct transport_facts *facts,
     }
 }
 
-static void add_media(struct list *list, enum solver solver)
+/* List it as forbidden if it is. */
+static bool add_forbidden(struct list *list, const char *name)
 {
-    const struct sample_material *found;
-    found = find(list->sample, absorbs);
-    add(list, "absorption", found,
+    bool forbidden = sample_forbids(list->sample, name);
+    if (forbidden) {
+        add(list, name, false, list->sample->without_line, 0, "without forbids it");
+    }
+    return forbidden;
+}
+
+static void add_absorption(struct list *list)
+{
+    const struct sample_material *found = find(list->sample, absorbs);
+    add(list, SAMPLE_ABSORPTION, found,
         found ? first_line(found->absorption_line, found->albedo_line) : 0, 0, "%s",
         found ? "in the same equations" : "no material absorbs");
-    found = find(list->sample, is_directed);
+}
+
+static void add_media(struct list *list, enum solver solver)
+{
+    const struct sample_material *found = find(list->sample, is_directed);
+    if (!add_forbidden(list, SAMPLE_ABSORPTION)) {
+        add_absorption(list);
+    }
+    if (add_forbidden(list, SAMPLE_DIRECTED)) {
+        return;
+    }
     if (found) {
-        add(list, "directed scattering", true, found->anisotropy_line, 0, "%s",
+        add(list, SAMPLE_DIRECTED, true, found->anisotropy_line, 0, "%s",
             solver == SOLVER_MONTECARLO ? "by the phase function of Henyey and Greenstein"
                                         : "only as reduced scattering (1 - g) sigma_s; the shape "
                                           "of the phase function is not");
     } else {
-        add(list, "directed scattering", false, 0, 0, "every material scatters evenly (g = 0)");
+        add(list, SAMPLE_DIRECTED, false, 0, 0, "every material scatters evenly (g = 0)");
     }
 }
 
@@ -139,13 +158,15 @@ static void add_boundaries(struct list *list, enum solver solver)
 {
     const struct sample *sample = list->sample;
     const struct sample_material *found = find(sample, refracts);
-    if (found) {
-        add(list, "reflection inside the surface", true, found->index_line, 0,
+    if (add_forbidden(list, SAMPLE_INSIDE)) {
+        found = NULL;
+    } else if (found) {
+        add(list, SAMPLE_INSIDE, true, found->index_line, 0,
             "%s, from the Fresnel formulas for index %.3g",
             solver == SOLVER_MONTECARLO ? "path by path" : "in the boundary condition",
             found->index);
     } else {
-        add(list, "reflection inside the surface", false, 0, 0, "every index is 1");
+        add(list, SAMPLE_INSIDE, false, 0, 0, "every index is 1");
     }
     bool differ = false;
     for (size_t i = 1; i < sample->material_count; i++) {
@@ -161,8 +182,12 @@ static void add_boundaries(struct list *list, enum solver solver)
         solver != SOLVER_CLOSED ? "the slab ends %d points beyond the sample"
                                 : "the slab ends %d points beyond the sample, too far to matter",
         sample->margin_points);
-    add(list, "reflection off the surface", false, 0, 0,
-        "a scan holds what passed through the sample; the local component is apart");
+    add(list, "local reflection", false, sample->surface.line, 0, "%s",
+        sample->surface.line ? "a scan holds what passed through the sample; `nacre scan` has it"
+                             : "the surface is polished and mirrors past the camera");
+    add(list, "dust", false, sample->dust.line, 0, "%s",
+        sample->dust.line ? "a scan is of the clean sample; `nacre scan` has it"
+                          : "none lies on the sample");
     add(list, "direction of light near the surface", solver == SOLVER_MONTECARLO, 0, 0, "%s",
         solver == SOLVER_MONTECARLO
             ? "every path has its own"
@@ -174,10 +199,13 @@ static void add_inclusions(struct list *list, const struct transport_facts *fact
     const struct sample *sample = list->sample;
     double places =
         (double)facts->voxels[0] * facts->voxels[1] * facts->voxels[2] * PLACES_IN_VOXEL;
+    if (add_forbidden(list, SAMPLE_HETEROGENEITY)) {
+        return;
+    }
     if (sample->inclusion_count == 0) {
-        add(list, "heterogeneity", false, 0, 0, "there are no inclusions");
+        add(list, SAMPLE_HETEROGENEITY, false, 0, 0, "there are no inclusions");
     } else {
-        add(list, "heterogeneity", true, sample->inclusions[0].line, 0,
+        add(list, SAMPLE_HETEROGENEITY, true, sample->inclusions[0].line, 0,
             "%zu inclusions: every voxel has its own coefficients", sample->inclusion_count);
     }
     for (size_t i = 0; i < sample->inclusion_count; i++) {

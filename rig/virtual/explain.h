@@ -13,7 +13,8 @@
 struct effect {
     char name[48];
     bool simulated;
-    int line;       /* of the sample file that calls for it; 0: none does */
+    int line;       /* of the file that calls for it or forbids it; 0: none does */
+    bool in_sample; /* effects_list: the file is the sample's, not the station's */
     double seconds; /* estimated cost on one core; 0: nothing beyond the other effects' */
     char reason[160];
 };

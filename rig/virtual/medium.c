@@ -64,6 +64,21 @@ static int choose_subdivide(const struct sample *sample, double path_mm)
     return wanted < 1 ? 1 : wanted > MAX_SUBDIVIDE ? MAX_SUBDIVIDE : (int)wanted;
 }
 
+static int choose_depth(const struct sample *sample, double path_mm)
+{
+    return sample->voxels.depth_cells > 0
+               ? sample->voxels.depth_cells
+               : choose_depth_cells(sample->thickness_mm, FIRST_CELL * path_mm);
+}
+
+double medium_expected_cells(const struct sample *sample)
+{
+    double path_mm = sample_shortest_path_mm(sample);
+    double side = choose_subdivide(sample, path_mm);
+    return (sample->width + 2.0 * sample->margin_points) * side *
+           (sample->height + 2.0 * sample->margin_points) * side * choose_depth(sample, path_mm);
+}
+
 static int lay_out(const struct sample *sample, struct medium *medium, struct nacre_error *error)
 {
     double path_mm = sample_shortest_path_mm(sample);
@@ -72,9 +87,7 @@ static int lay_out(const struct sample *sample, struct medium *medium, struct na
     medium->margin = sample->margin_points;
     medium->subdivide = choose_subdivide(sample, path_mm);
     medium->cell_mm = sample->pitch_mm / medium->subdivide;
-    medium->nz = sample->voxels.depth_cells > 0
-                     ? sample->voxels.depth_cells
-                     : choose_depth_cells(sample->thickness_mm, FIRST_CELL * path_mm);
+    medium->nz = choose_depth(sample, path_mm);
     double nx = ((double)sample->width + 2.0 * sample->margin_points) * medium->subdivide;
     double ny = ((double)sample->height + 2.0 * sample->margin_points) * medium->subdivide;
     if (nx * ny * medium->nz > MAX_CELLS) {

@@ -24,6 +24,8 @@ struct medium {
 
 /* Lay the sample on voxels. A voxel that several materials share gets their mean properties. */
 int medium_new(const struct sample *sample, struct medium **medium, struct nacre_error *error);
+/* How many voxels medium_new would make. */
+double medium_expected_cells(const struct sample *sample);
 void medium_free(struct medium *medium); /* NULL is allowed */
 
 static inline size_t medium_cells(const struct medium *medium)

@@ -1,7 +1,11 @@
 /* Reading and checking sample files. */
 #include "rig/virtual/sample.h"
 
+#include "rig/virtual/effects.h"
+#include "rig/virtual/settings_check.h"
+
 #include <math.h>
+#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -13,6 +17,16 @@ static size_t find_material(const struct sample *sample, const char *name)
         i++;
     }
     return i;
+}
+
+static bool is_opaque(const struct sample_material *material)
+{
+    for (int c = 0; c < 3; c++) {
+        if (material->scattering_per_mm[c] + material->absorption_per_mm[c] < 1e-3) {
+            return false;
+        }
+    }
+    return true;
 }
 
 static int check_material(struct sample_material *material, const char *path,
@@ -34,12 +48,12 @@ static int check_material(struct sample_material *material, const char *path,
             material->scattering_per_mm[c] = material->albedo[c] * extinction;
             material->absorption_per_mm[c] = (1 - material->albedo[c]) * extinction;
         }
-        if (material->scattering_per_mm[c] + material->absorption_per_mm[c] < 1e-3) {
-            return nacre_fail(error,
-                              "%s:%d: material '%s' is clear: scattering and absorption "
-                              "together must reach 0.001 per mm in every channel",
-                              path, material->line, material->name);
-        }
+    }
+    if (!is_opaque(material)) {
+        return nacre_fail(error,
+                          "%s:%d: material '%s' is clear: scattering and absorption "
+                          "together must reach 0.001 per mm in every channel",
+                          path, material->line, material->name);
     }
     return NACRE_OK;
 }
@@ -112,6 +126,67 @@ static int check_resolution(const struct sample *sample, const char *path,
     return NACRE_OK;
 }
 
+/* What of the light transport `without` may name, beside the station's effects. */
+static const char *const transport_effects[] = {SAMPLE_ABSORPTION, SAMPLE_DIRECTED, SAMPLE_INSIDE,
+                                                SAMPLE_HETEROGENEITY, NULL};
+
+bool sample_forbids(const struct sample *sample, const char *effect)
+{
+    for (size_t i = 0; i < sample->without_count; i++) {
+        if (strcmp(sample->without[i], effect) == 0) {
+            return true;
+        }
+    }
+    return false;
+}
+
+void sample_without_text(const struct sample *sample, char *text, size_t size)
+{
+    size_t used = 0;
+    if (size > 0) {
+        text[0] = '\0';
+    }
+    for (size_t i = 0; i < sample->without_count && used < size; i++) {
+        int length = snprintf(text + used, size - used, "%s%s", i == 0 ? "; without " : ", ",
+                              sample->without[i]);
+        used += length > 0 ? (size_t)length : size;
+    }
+}
+
+static void forbid_in_material(const struct sample *sample, struct sample_material *material)
+{
+    for (int c = 0; c < 3; c++) {
+        if (sample_forbids(sample, SAMPLE_ABSORPTION)) {
+            material->absorption_per_mm[c] = 0;
+        }
+        if (sample_forbids(sample, SAMPLE_DIRECTED)) {
+            material->scattering_per_mm[c] *= 1 - material->anisotropy[c];
+            material->anisotropy[c] = 0;
+        }
+    }
+    if (sample_forbids(sample, SAMPLE_INSIDE)) {
+        material->index = 1;
+    }
+}
+
+/* Take out of the sample what the file forbids. */
+static int forbid(struct sample *sample, const char *path, struct nacre_error *error)
+{
+    for (size_t i = 0; i < sample->material_count; i++) {
+        struct sample_material *material = &sample->materials[i];
+        forbid_in_material(sample, material);
+        if (!is_opaque(material)) {
+            return nacre_fail(error, "%s:%d: without: material '%s' is clear without its %s", path,
+                              sample->without_line, material->name, SAMPLE_ABSORPTION);
+        }
+    }
+    if (sample_forbids(sample, SAMPLE_HETEROGENEITY)) {
+        sample->forbidden_inclusions = sample->inclusion_count;
+        sample->inclusion_count = 0;
+    }
+    return NACRE_OK;
+}
+
 static int check(struct sample *sample, const char *path, struct nacre_error *error)
 {
     for (size_t i = 0; i < sample->material_count; i++) {
@@ -136,7 +211,13 @@ static int check(struct sample *sample, const char *path, struct nacre_error *er
             return status;
         }
     }
-    return check_resolution(sample, path, error);
+    int status = effects_check_names(path, sample->without_line, sample->without,
+                                     sample->without_count, transport_effects, effect_names, error);
+    if (status) {
+        return status;
+    }
+    status = forbid(sample, path, error);
+    return status ? status : check_resolution(sample, path, error);
 }
 
 int sample_read(const char *path, struct sample *sample, struct nacre_error *error)
@@ -154,6 +235,7 @@ int sample_read(const char *path, struct sample *sample, struct nacre_error *err
 
 void sample_finish(struct sample *sample)
 {
+    sample->inclusion_count += sample->forbidden_inclusions;
     for (size_t i = 0; i < sample->inclusion_count; i++) {
         picture_finish(&sample->inclusions[i].map.picture);
     }

@@ -6,6 +6,7 @@
 #include "base/settings.h"
 #include "nacre/error.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 
 /* A homogeneous medium. Scattering and absorption are what counts once a file is read: where the file gives albedo and
@@ -94,6 +95,21 @@ struct sample_voxels {
     int depth_cells; /* voxels along the depth; 0: chosen likewise */
 };
 
+/* The sample's upper side. */
+struct sample_surface {
+    double
+        roughness; /* root mean square slope of its facets; 0: polished, mirrors past the camera */
+    int line;
+};
+
+/* Opaque specks that lie on it. */
+struct sample_dust {
+    double per_cm2;
+    double size_mm; /* mean diameter */
+    int seed;
+    int line;
+};
+
 struct sample {
     int width, height;   /* surface points */
     double pitch_mm;     /* between surface points */
@@ -105,6 +121,13 @@ struct sample {
     size_t material_count;
     struct sample_inclusion *inclusions; /* painted in this order */
     size_t inclusion_count;
+    struct sample_surface surface;
+    struct sample_dust dust;
+    char **without; /* names of effects that are not to be simulated; heap */
+    size_t without_count;
+    size_t
+        forbidden_inclusions; /* read, and not counted in inclusion_count as `without` wants none */
+    int without_line;
     int thickness_line, margin_line, base_line, voxels_line;
     size_t base_index; /* set by sample_read */
 };
@@ -114,6 +137,18 @@ extern const struct settings_schema sample_schema;
 /* Read and check a sample file; sample_finish frees. */
 int sample_read(const char *path, struct sample *sample, struct nacre_error *error);
 void sample_finish(struct sample *sample);
+
+/* Effects within the sample that its file may forbid, as it calls them. */
+#define SAMPLE_ABSORPTION    "absorption"
+#define SAMPLE_DIRECTED      "directed scattering"
+#define SAMPLE_INSIDE        "reflection inside the surface"
+#define SAMPLE_HETEROGENEITY "heterogeneity"
+
+/* Whether the file forbids the effect of that name. */
+bool sample_forbids(const struct sample *sample, const char *effect);
+
+/* "; without A, B" of what the file forbids, for the record; "" where it forbids nothing. Cut to `size`. */
+void sample_without_text(const struct sample *sample, char *text, size_t size);
 
 /* What the inclusion is, in the words of the file: "vein", "layer", ... */
 const char *sample_shape_name(const struct sample_inclusion *inclusion);

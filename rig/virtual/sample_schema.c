@@ -336,6 +336,44 @@ static const struct settings_field voxels_fields[] = {
 static const struct settings_schema voxels_schema = {
     .what = "voxels", .size = sizeof(struct sample_voxels), .fields = voxels_fields};
 
+static const struct settings_field surface_fields[] = {
+    {.key = "roughness",
+     .kind = SETTINGS_REAL,
+     .offset = OFFSET(sample_surface, roughness),
+     .minimum = 0.02,
+     .maximum = 1,
+     .required = true,
+     .sentence = "root mean square slope of the facets that it is made of"},
+    {0}};
+
+static const struct settings_schema surface_schema = {
+    .what = "surface", .size = sizeof(struct sample_surface), .fields = surface_fields};
+
+static const struct settings_field dust_fields[] = {{.key = "per_cm2",
+                                                     .kind = SETTINGS_REAL,
+                                                     .offset = OFFSET(sample_dust, per_cm2),
+                                                     .minimum = 1e-3,
+                                                     .maximum = 1e4,
+                                                     .required = true,
+                                                     .sentence = "specks on a square centimetre"},
+                                                    {.key = "size_mm",
+                                                     .kind = SETTINGS_REAL,
+                                                     .offset = OFFSET(sample_dust, size_mm),
+                                                     .minimum = 1e-3,
+                                                     .maximum = 100,
+                                                     .required = true,
+                                                     .sentence = "mean diameter of a speck"},
+                                                    {.key = "seed",
+                                                     .kind = SETTINGS_INT,
+                                                     .offset = OFFSET(sample_dust, seed),
+                                                     .minimum = 0,
+                                                     .maximum = 1e9,
+                                                     .sentence = "of where the specks lie"},
+                                                    {0}};
+
+static const struct settings_schema dust_schema = {
+    .what = "dust", .size = sizeof(struct sample_dust), .fields = dust_fields};
+
 static const struct settings_field sample_fields[] = {
     {.key = "width",
      .kind = SETTINGS_INT,
@@ -399,6 +437,24 @@ static const struct settings_field sample_fields[] = {
      .length_offset = OFFSET(sample, inclusion_count),
      .schema = &inclusion_schema,
      .sentence = "what lies in the base, painted in this order; without a shape it is a layer"},
+    {.key = "surface",
+     .kind = SETTINGS_STRUCT,
+     .offset = OFFSET(sample, surface),
+     .schema = &surface_schema,
+     .sentence = "its upper side; without it it is polished",
+     .line_offset = OFFSET(sample, surface.line)},
+    {.key = "dust",
+     .kind = SETTINGS_STRUCT,
+     .offset = OFFSET(sample, dust),
+     .schema = &dust_schema,
+     .sentence = "opaque specks that lie on it",
+     .line_offset = OFFSET(sample, dust.line)},
+    {.key = "without",
+     .kind = SETTINGS_STRINGS,
+     .offset = OFFSET(sample, without),
+     .length_offset = OFFSET(sample, without_count),
+     .sentence = "names of effects that are not to be simulated",
+     .line_offset = OFFSET(sample, without_line)},
     {0}};
 
 const struct settings_schema sample_schema = {

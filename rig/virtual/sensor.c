@@ -60,24 +60,20 @@ static inline uint16_t quantise(double value, double top)
     return (uint16_t)(value + 0.5);
 }
 
-struct exposure {
-    const struct station_camera *camera;
-    const float *signal;
-    double seconds;
-    uint64_t key;
-    uint16_t *raw;
-};
-
-/* The loop over pixels; `shot` and `read` are constants where it is used, so each copy tests nothing that the sensor
- * does not have. */
-static inline __attribute__((always_inline)) void
-expose(const struct exposure *exposure, size_t first, size_t end, bool shot, bool read)
+/* The loop over pixels; `shot`, `read` and `dark` are constants where it is used, so each copy tests nothing that the
+ * sensor does not have. */
+static inline __attribute__((always_inline)) void expose(const struct sensor_exposure *exposure,
+                                                         size_t first, size_t end, uint16_t *raw,
+                                                         bool shot, bool read, bool dark)
 {
     double top = (1 << exposure->camera->bits) - 1;
     double electrons = exposure->camera->electrons;
     double read_noise = exposure->camera->read_noise;
     for (size_t i = first; i < end; i++) {
         double value = exposure->signal[i] * exposure->seconds;
+        if (dark) {
+            value += exposure->dark;
+        }
         if (shot || read) {
             uint64_t bits = sensor_key(exposure->key, i);
             double p = probability((uint32_t)(bits >> 32));
@@ -90,41 +86,47 @@ expose(const struct exposure *exposure, size_t first, size_t end, bool shot, boo
                 value += sqrt(variance) * sensor_normal(p);
             }
         }
-        exposure->raw[i] = quantise(value + exposure->camera->pedestal, top);
+        raw[i] = quantise(value + exposure->camera->pedestal, top);
     }
 }
 
-static void expose_exactly(const struct exposure *exposure, size_t first, size_t end)
+typedef void expose_loop(const struct sensor_exposure *, size_t, size_t, uint16_t *);
+
+#define EXPOSE(name, shot, read, dark)                                                             \
+    static void name(const struct sensor_exposure *exposure, size_t first, size_t end,             \
+                     uint16_t *raw)                                                                \
+    {                                                                                              \
+        expose(exposure, first, end, raw, shot, read, dark);                                       \
+    }
+
+EXPOSE(expose_exactly, false, false, false)
+EXPOSE(expose_read, false, true, false)
+EXPOSE(expose_shot, true, false, false)
+EXPOSE(expose_shot_read, true, true, false)
+EXPOSE(expose_dark, false, false, true)
+EXPOSE(expose_read_dark, false, true, true)
+EXPOSE(expose_shot_dark, true, false, true)
+EXPOSE(expose_shot_read_dark, true, true, true)
+
+static expose_loop *find_loop(const struct sensor_exposure *exposure)
 {
-    expose(exposure, first, end, false, false);
+    static expose_loop *const loops[2][2][2] = {
+        {{expose_exactly, expose_read}, {expose_shot, expose_shot_read}},
+        {{expose_dark, expose_read_dark}, {expose_shot_dark, expose_shot_read_dark}}};
+    return loops[exposure->dark > 0][exposure->camera->electrons > 0]
+                [exposure->camera->read_noise > 0];
 }
 
-static void expose_with_read_noise(const struct exposure *exposure, size_t first, size_t end)
+void sensor_expose(const struct sensor_exposure *exposure, size_t count, uint16_t *raw)
 {
-    expose(exposure, first, end, false, true);
-}
-
-static void expose_with_shot_noise(const struct exposure *exposure, size_t first, size_t end)
-{
-    expose(exposure, first, end, true, false);
-}
-
-static void expose_with_both(const struct exposure *exposure, size_t first, size_t end)
-{
-    expose(exposure, first, end, true, true);
-}
-
-void sensor_expose(const struct station_camera *camera, const float *signal, double seconds,
-                   uint64_t key, size_t count, uint16_t *raw)
-{
-    static void (*const loops[2][2])(const struct exposure *, size_t, size_t) = {
-        {expose_exactly, expose_with_read_noise}, {expose_with_shot_noise, expose_with_both}};
-    void (*loop)(const struct exposure *, size_t, size_t) =
-        loops[camera->electrons > 0][camera->read_noise > 0];
-    struct exposure exposure = {camera, signal, seconds, key, NULL};
-    exposure.raw = raw;
+    expose_loop *loop = find_loop(exposure);
 #pragma omp parallel for schedule(dynamic) if (count >= MANY)
     for (size_t first = 0; first < count; first += BLOCK) {
-        loop(&exposure, first, first + BLOCK < count ? first + BLOCK : count);
+        loop(exposure, first, first + BLOCK < count ? first + BLOCK : count, raw);
     }
+}
+
+void sensor_expose_one(const struct sensor_exposure *exposure, size_t pixel, uint16_t *raw)
+{
+    find_loop(exposure)(exposure, pixel, pixel + 1, raw);
 }

@@ -7,10 +7,21 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* Expose `count` pixels for `seconds`: raw values from signal in raw units a second above the pedestal. The noise of a
- * pixel depends on `key` and its place alone, so frames are the same for any order and number of threads. */
-void sensor_expose(const struct station_camera *camera, const float *signal, double seconds,
-                   uint64_t key, size_t count, uint16_t *raw);
+/* One exposure of the sensor. What the camera's `electrons` and `read_noise` say makes the noise; 0 is none. */
+struct sensor_exposure {
+    const struct station_camera *camera;
+    const float *signal; /* of every pixel, raw units a second above the pedestal */
+    double seconds;      /* of full light */
+    double dark;         /* raw units of dark current over the exposure; 0: none */
+    uint64_t key;
+};
+
+/* Expose `count` pixels. The noise of a pixel depends on the key and its place alone, so frames are the same for any
+ * order and number of threads. */
+void sensor_expose(const struct sensor_exposure *exposure, size_t count, uint16_t *raw);
+
+/* Expose a single pixel of them again, with the noise it had. */
+void sensor_expose_one(const struct sensor_exposure *exposure, size_t pixel, uint16_t *raw);
 
 /* One step of a hash that spreads keys: SplitMix64's finaliser over both. */
 uint64_t sensor_key(uint64_t key, uint64_t value);

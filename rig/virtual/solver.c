@@ -161,7 +161,10 @@ static int begin(const struct sample *sample, int window, const char *source, co
                                    .channels = CHANNELS,
                                    .pixel = NACRE_FLOAT,
                                    .pitch_mm = sample->pitch_mm};
-    (void)snprintf(info.source, sizeof info.source, "nacre simulate: %s", source); /* fits */
+    char without[128];
+    sample_without_text(sample, without, sizeof without);
+    (void)snprintf(info.source, sizeof info.source, "nacre simulate: %.100s%.100s", source,
+                   without);
     return nacre_scan_create(path, &info, writer, error);
 }
 

@@ -26,6 +26,7 @@ struct transport {
         [MEDIUM_CHANNELS]; /* over which light falls off to 1 / e in the clearest material */
     struct diffusion_problem problem; /* all of the slab, for lit pictures */
     struct transport_facts facts;
+    char without[128]; /* what the sample's file forbids, for the record */
 };
 
 /* How far light goes in the clearest material of the sample: the slowest mode of a slab between its extrapolated
@@ -106,6 +107,7 @@ int transport_new(const struct sample *sample, struct transport **transport,
         goto out;
     }
     fill_single(made);
+    sample_without_text(sample, made->without, sizeof made->without);
     for (int c = 0; c < MEDIUM_CHANNELS; c++) {
         made->decay_mm[c] = longest_decay_mm(sample, c);
     }
@@ -502,8 +504,8 @@ static int begin_scan(const struct transport *transport, int window, const char 
                                    .pixel = NACRE_FLOAT,
                                    .pitch_mm = facts->pitch_mm};
     (void)snprintf(info.source, sizeof info.source, /* far shorter than its room */
-                   "nacre simulate: diffusion, %d x %d x %d voxels of %.4g mm", facts->voxels[0],
-                   facts->voxels[1], facts->voxels[2], facts->cell_mm);
+                   "nacre simulate: diffusion, %d x %d x %d voxels of %.4g mm%s", facts->voxels[0],
+                   facts->voxels[1], facts->voxels[2], facts->cell_mm, transport->without);
     return nacre_scan_create(path, &info, writer, error);
 }
 

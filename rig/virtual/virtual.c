@@ -1,14 +1,16 @@
-/* The virtual station: its devices behind the seams and the light between them. */
+/* The virtual station: its devices behind the seams, and the time that passes in them. */
 #include "rig/virtual/virtual.h"
 
-#include "rig/virtual/optics.h"
-#include "rig/virtual/sample.h"
+#include "rig/virtual/faults.h"
+#include "rig/virtual/light.h"
 #include "rig/virtual/sensor.h"
-#include "rig/virtual/transport.h"
 
 #include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
+
+/* A stray pulse comes at least that long before the trigger's. */
+static const int64_t STRAY_NS = 10000000;
 
 struct virtual_camera {
     struct camera base;
@@ -35,16 +37,11 @@ struct virtual_station {
     struct virtual_projector projector;
     struct virtual_trigger trigger;
     struct virtual_clock clock;
-    struct station settings; /* numbers only: its strings belong to the caller and are not used */
-    struct transport *transport; /* NULL: the board under the layer is as white as the layer */
-    struct optics optics;
-    bool white_layer;
-    bool lit;          /* `signal` is what the camera sees of `irradiance` */
-    float *irradiance; /* [3][height][width] of the surface points */
-    float *radiosity;  /* the same */
-    float *signal;     /* [height][width] of raw pixels, raw units a second */
-    uint16_t *raw;     /* the last frame */
-    uint64_t key;      /* of the pattern, for the noise */
+    struct station settings; /* numbers only: what it has on the heap belongs to the caller */
+    struct light *light;
+    uint16_t *raw;  /* the last frame */
+    uint64_t key;   /* of the pattern, for the noise */
+    uint64_t tries; /* to expose it */
     int64_t exposure_ns, trigger_ns;
     bool armed, triggered;
     uint32_t sequence;
@@ -74,9 +71,11 @@ static int projector_show(struct projector *projector, const uint8_t *levels, in
     int64_t period_ns = projector->period_ns;
     int64_t refresh_ns = (station->clock.time_ns + period_ns - 1) / period_ns * period_ns;
     (void)error; /* this projector cannot fail */
-    optics_project(&station->settings, levels, station->irradiance);
-    station->lit = false;
-    *flip_ns = refresh_ns + milliseconds(station->settings.simulated.projector.latency_ms);
+    light_show(station->light, levels);
+    *flip_ns = refresh_ns;
+    if (effects_has(light_effects(station->light), EFFECT_LATENCY)) {
+        *flip_ns += milliseconds(station->settings.simulated.projector.latency_ms);
+    }
     clock_advance(&station->clock.base, *flip_ns);
     return NACRE_OK;
 }
@@ -102,61 +101,68 @@ static int camera_arm(struct camera *camera, int64_t exposure_ns, struct nacre_e
     station->exposure_ns = exposure_ns;
     station->armed = true;
     station->triggered = false;
+    station->tries++;
     return NACRE_OK;
 }
 
-/* What the diffuse layer, or the board that lies on the stage where there is no sample, sends out. */
-static void reflect(struct virtual_station *station)
+/* What happens to the frame that was triggered. */
+static enum frame_fault draw_fault(const struct virtual_station *station)
 {
-    size_t plane = (size_t)station->settings.sample.width * (size_t)station->settings.sample.height;
-    for (size_t i = 0; i < 3 * plane; i++) {
-        station->radiosity[i] =
-            (float)station->settings.white_reflectance[i / plane] * station->irradiance[i];
-    }
+    uint64_t key = sensor_key(station->key, (uint64_t)station->exposure_ns);
+    return faults_draw(light_effects(station->light), &station->settings.simulated,
+                       sensor_key(key, station->tries));
 }
 
-/* From what the projector shows to what each pixel gathers in a second. */
-static int light(struct virtual_station *station, struct nacre_error *error)
+/* When the exposure of a faulty frame begins. */
+static int64_t begin_of(const struct virtual_station *station, enum frame_fault fault)
 {
-    int status = NACRE_OK;
-    if (station->white_layer || !station->transport) {
-        reflect(station);
-    } else {
-        status =
-            transport_apply(station->transport, station->irradiance, station->radiosity, error);
+    if (fault == FRAME_LATE) {
+        return station->trigger_ns + milliseconds(station->settings.simulated.camera.late_ms);
     }
-    if (status == NACRE_OK) {
-        optics_apply(&station->optics, station->radiosity, station->signal);
-        station->lit = true;
+    if (fault == FRAME_STRAY) {
+        int64_t half_ns = station->exposure_ns / 2;
+        return station->trigger_ns - (half_ns > STRAY_NS ? half_ns : STRAY_NS);
     }
-    return status;
+    return station->trigger_ns;
+}
+
+static int fail_without_frame(struct virtual_station *station, int64_t timeout_ns,
+                              struct nacre_error *error)
+{
+    clock_advance(&station->clock.base, station->clock.time_ns + timeout_ns);
+    return nacre_fail(error, "camera virtual: no frame within %" PRId64 " ms",
+                      timeout_ns / 1000000);
 }
 
 static int camera_take(struct camera *camera, int64_t timeout_ns, struct camera_frame *frame,
                        struct nacre_error *error)
 {
     struct virtual_station *station = ((struct virtual_camera *)camera)->station;
-    int64_t readout_ns = milliseconds(station->settings.simulated.camera.readout_ms);
-    int64_t ready_ns = station->trigger_ns + station->exposure_ns + readout_ns;
+    enum frame_fault fault = draw_fault(station);
+    struct light_exposure exposure = {.begin_ns = begin_of(station, fault),
+                                      .exposure_ns = station->exposure_ns,
+                                      .key =
+                                          sensor_key(station->key, (uint64_t)station->exposure_ns)};
+    int64_t ready_ns = exposure.begin_ns + exposure.exposure_ns;
+    if (effects_has(light_effects(station->light), EFFECT_READOUT)) {
+        ready_ns += milliseconds(station->settings.simulated.camera.readout_ms);
+    }
     if (!station->triggered || ready_ns > station->clock.time_ns + timeout_ns) {
-        clock_advance(&station->clock.base, station->clock.time_ns + timeout_ns);
-        return nacre_fail(error, "camera virtual: no frame within %" PRId64 " ms",
-                          timeout_ns / 1000000);
+        return fail_without_frame(station, timeout_ns, error);
     }
-    if (!station->lit) {
-        int status = light(station, error);
-        if (status != NACRE_OK) {
-            return status;
-        }
-    }
-    sensor_expose(&station->settings.camera, station->signal, (double)station->exposure_ns * 1e-9,
-                  sensor_key(station->key, (uint64_t)station->exposure_ns),
-                  (size_t)camera->width * (size_t)camera->height, station->raw);
-    clock_advance(&station->clock.base, ready_ns);
     station->armed = false;
     station->triggered = false;
+    station->sequence++;
+    if (fault == FRAME_DROPPED) {
+        return fail_without_frame(station, timeout_ns, error);
+    }
+    int status = light_expose(station->light, &exposure, station->raw, error);
+    if (status != NACRE_OK) {
+        return status;
+    }
+    clock_advance(&station->clock.base, ready_ns);
     *frame = (struct camera_frame){
-        .raw = station->raw, .frame_ns = station->trigger_ns, .sequence = station->sequence++};
+        .raw = station->raw, .frame_ns = exposure.begin_ns, .sequence = station->sequence - 1};
     return NACRE_OK;
 }
 
@@ -199,46 +205,6 @@ static void connect(struct virtual_station *station)
     station->clock = (struct virtual_clock){.base = {.ops = &clock_ops}};
 }
 
-static int put_sample(const struct station *settings, struct transport **transport,
-                      struct nacre_error *error)
-{
-    const char *path = settings->simulated.sample;
-    struct sample sample = {0};
-    int status = sample_read(path, &sample, error);
-    if (status != NACRE_OK) {
-        goto out;
-    }
-    if (sample.width != settings->sample.width || sample.height != settings->sample.height ||
-        fabs(sample.pitch_mm - settings->sample.pitch_mm) > 1e-9 * sample.pitch_mm) {
-        status =
-            nacre_fail(error,
-                       "%s: has %d x %d surface points of %g mm where the station file has %d x "
-                       "%d of %g mm; make them the same",
-                       path, sample.width, sample.height, sample.pitch_mm, settings->sample.width,
-                       settings->sample.height, settings->sample.pitch_mm);
-        goto out;
-    }
-    status = transport_new(&sample, transport, error);
-out:
-    sample_finish(&sample);
-    return status;
-}
-
-static int allocate(struct virtual_station *station, struct nacre_error *error)
-{
-    const struct station *settings = &station->settings;
-    size_t points = (size_t)settings->sample.width * (size_t)settings->sample.height;
-    size_t pixels = (size_t)settings->camera.width * (size_t)settings->camera.height;
-    station->irradiance = calloc(3 * points, sizeof *station->irradiance);
-    station->radiosity = calloc(3 * points, sizeof *station->radiosity);
-    station->signal = calloc(pixels, sizeof *station->signal);
-    station->raw = calloc(pixels, sizeof *station->raw);
-    if (!station->irradiance || !station->radiosity || !station->signal || !station->raw) {
-        return nacre_fail_memory(error, "the virtual station");
-    }
-    return optics_init(settings, &station->optics, error);
-}
-
 int virtual_station_new(const struct station *station, struct virtual_station **simulated,
                         struct nacre_error *error)
 {
@@ -249,17 +215,15 @@ int virtual_station_new(const struct station *station, struct virtual_station **
         goto out;
     }
     made->settings = *station;
-    made->settings.plan = NULL;
-    made->settings.simulated.sample = NULL;
     made->key = (uint64_t)station->simulated.seed;
     connect(made);
-    status = allocate(made, error);
-    if (status != NACRE_OK) {
+    made->raw =
+        calloc((size_t)station->camera.width * (size_t)station->camera.height, sizeof *made->raw);
+    if (!made->raw) {
+        status = nacre_fail_memory(error, "the virtual station");
         goto out;
     }
-    if (station->simulated.sample) {
-        status = put_sample(station, &made->transport, error);
-    }
+    status = light_new(station, &made->light, error);
 out:
     if (status != NACRE_OK) {
         virtual_station_free(made);
@@ -289,16 +253,21 @@ struct clock *virtual_station_clock(struct virtual_station *simulated)
     return &simulated->clock.base;
 }
 
+const struct effects *virtual_station_effects(const struct virtual_station *simulated)
+{
+    return light_effects(simulated->light);
+}
+
 void virtual_station_set_white_layer(struct virtual_station *simulated, int on)
 {
-    simulated->white_layer = on != 0;
-    simulated->lit = false;
+    light_lay_white_layer(simulated->light, on != 0);
 }
 
 void virtual_station_begin_pattern(struct virtual_station *simulated, struct pattern pattern)
 {
     uint64_t seed = (uint64_t)simulated->settings.simulated.seed;
     simulated->key = sensor_key(sensor_key(seed, (uint64_t)pattern.kind), (uint64_t)pattern.number);
+    simulated->tries = 0;
 }
 
 void virtual_station_free(struct virtual_station *simulated)
@@ -306,11 +275,7 @@ void virtual_station_free(struct virtual_station *simulated)
     if (!simulated) {
         return;
     }
-    transport_free(simulated->transport);
-    optics_finish(&simulated->optics);
-    free(simulated->irradiance);
-    free(simulated->radiosity);
-    free(simulated->signal);
+    light_free(simulated->light);
     free(simulated->raw);
     free(simulated);
 }

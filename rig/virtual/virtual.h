@@ -8,6 +8,7 @@
 #include "rig/projector.h"
 #include "rig/station.h"
 #include "rig/trigger.h"
+#include "rig/virtual/effects.h"
 
 struct virtual_station;
 
@@ -21,6 +22,9 @@ struct camera *virtual_station_camera(struct virtual_station *simulated);
 struct projector *virtual_station_projector(struct virtual_station *simulated);
 struct trigger *virtual_station_trigger(struct virtual_station *simulated);
 struct clock *virtual_station_clock(struct virtual_station *simulated);
+
+/* What is simulated, and the work done for it so far. */
+const struct effects *virtual_station_effects(const struct virtual_station *simulated);
 
 /* Lay the white diffuse layer on the sample or take it off (what the operator does at a real station). */
 void virtual_station_set_white_layer(struct virtual_station *simulated, int on);

@@ -1,5 +1,6 @@
 /* Tests of the virtual camera's geometry and of the projector's light. */
 #include "rig/virtual/optics.h"
+#include "rig/virtual/projection.h"
 
 #include "unity.h"
 
@@ -31,6 +32,13 @@ static struct station make_station(void)
                                                                 .full_scale_s = 0.05,
                                                                 .response = {1, 1, 1}};
     return station;
+}
+
+static void find_homography(const struct station *station, double h[3][3])
+{
+    struct effects effects;
+    effects_plan(station, NULL, &effects);
+    optics_homography(station, &effects, h);
 }
 
 static void project(double h[3][3], double x, double y, double *u, double *v)
@@ -70,7 +78,7 @@ static void homography_is_that_of_a_pinhole_in_space(void)
 {
     struct station station = make_station();
     double h[3][3];
-    optics_homography(&station, h);
+    find_homography(&station, h);
     for (int y = 0; y <= 9; y += 3) {
         for (int x = 0; x <= 12; x += 3) {
             double u, v, expected_u, expected_v;
@@ -88,7 +96,7 @@ static void camera_above_sees_the_lower_edge_smaller(void)
     struct station station = make_station();
     double h[3][3], left, right, ignored;
     station.simulated.camera.roll_deg = 0;
-    optics_homography(&station, h);
+    find_homography(&station, h);
     project(h, 0, 0, &left, &ignored);
     project(h, 12, 0, &right, &ignored);
     double upper = right - left;
@@ -103,7 +111,9 @@ static void camera_above_sees_the_lower_edge_smaller(void)
 static void see(const struct station *station, const float *radiosity, float *signal)
 {
     struct optics optics;
-    TEST_ASSERT_EQUAL_INT(NACRE_OK, optics_init(station, &optics, &error));
+    struct effects effects;
+    effects_plan(station, NULL, &effects);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, optics_init(station, &effects, &optics, &error));
     TEST_ASSERT_EQUAL_INT(80 * 64, optics.pixel_count);
     optics_apply(&optics, radiosity, signal);
     optics_finish(&optics);
@@ -139,7 +149,7 @@ static void lit_point_appears_where_the_homography_says(void)
     station.camera.bayer = BAYER_MONO;
     radiosity[y * 12 + x] = 1;
     see(&station, radiosity, signal);
-    optics_homography(&station, h);
+    find_homography(&station, h);
     for (int k = 0; k < 4; k++) {
         project(h, x + (k == 1 || k == 2), y + (k >= 2), &u[k], &v[k]);
     }
@@ -205,6 +215,16 @@ static void camera_loses_light_towards_the_corners(void)
     free(signal);
 }
 
+static void draw(const struct station *station, const uint8_t *levels, float *irradiance)
+{
+    struct projection projection;
+    struct effects effects;
+    effects_plan(station, NULL, &effects);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, projection_init(station, &effects, &projection, &error));
+    projection_draw(&projection, &effects, levels, irradiance);
+    projection_finish(&projection);
+}
+
 static void projector_has_a_black_level_and_falls_off(void)
 {
     struct station station = make_station();
@@ -212,7 +232,7 @@ static void projector_has_a_black_level_and_falls_off(void)
     float irradiance[3 * POINTS];
     station.simulated.projector =
         (struct virtual_projector_settings){.contrast = 200, .vignetting = 0.2};
-    optics_project(&station, levels, irradiance);
+    draw(&station, levels, irradiance);
     double r2[3];
     for (int i = 0; i < 3; i++) {
         r2[i] = ((i - 5.5) * (i - 5.5) + 16) / (36 + 20.25);
@@ -230,7 +250,7 @@ static void projector_without_contrast_is_dark_where_it_shows_black(void)
     struct station station = make_station();
     uint8_t levels[POINTS] = {0};
     float irradiance[3 * POINTS];
-    optics_project(&station, levels, irradiance);
+    draw(&station, levels, irradiance);
     for (int i = 0; i < 3 * POINTS; i++) {
         TEST_ASSERT_EQUAL_FLOAT(0, irradiance[i]);
     }

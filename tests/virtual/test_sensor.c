@@ -31,6 +31,13 @@ void tearDown(void)
 
 static const struct station_camera exact = {.bits = 12, .pedestal = 100};
 
+static void expose(const struct station_camera *camera, double seconds, uint64_t key, size_t count,
+                   uint16_t *out)
+{
+    const struct sensor_exposure exposure = {camera, signal_, seconds, 0, key};
+    sensor_expose(&exposure, count, out);
+}
+
 static void fill(float value)
 {
     for (int i = 0; i < COUNT; i++) {
@@ -94,7 +101,7 @@ static void sensor_without_noise_quantises_to_the_nearest_value(void)
     for (int i = 0; i < COUNT; i++) {
         signal_[i] = (float)i * 0.125F;
     }
-    sensor_expose(&exact, signal_, 0.5, 1, COUNT, raw);
+    expose(&exact, 0.5, 1, COUNT, raw);
     for (int i = 0; i < COUNT; i++) {
         int expected = (int)floor(100 + i * 0.0625 + 0.5);
         TEST_ASSERT_EQUAL_INT(expected < 4095 ? expected : 4095, raw[i]);
@@ -105,13 +112,13 @@ static void sensor_saturates_at_the_top_of_its_bits(void)
 {
     struct station_camera camera = {.bits = 8, .pedestal = 10, .read_noise = 3, .electrons = 5};
     fill(1e6F);
-    sensor_expose(&camera, signal_, 1, 1, COUNT, raw);
+    expose(&camera, 1, 1, COUNT, raw);
     for (int i = 0; i < COUNT; i++) {
         TEST_ASSERT_EQUAL_INT(255, raw[i]);
     }
     camera.bits = 16;
     fill(1e9F);
-    sensor_expose(&camera, signal_, 1, 1, COUNT, raw);
+    expose(&camera, 1, 1, COUNT, raw);
     TEST_ASSERT_EQUAL_INT(65535, raw[0]);
 }
 
@@ -119,7 +126,7 @@ static void value_below_zero_is_cut_off(void)
 {
     const struct station_camera camera = {.bits = 10, .pedestal = 0, .read_noise = 50};
     size_t zeros = 0;
-    sensor_expose(&camera, signal_, 1, 1, COUNT, raw);
+    expose(&camera, 1, 1, COUNT, raw);
     for (int i = 0; i < COUNT; i++) {
         zeros += raw[i] == 0;
     }
@@ -141,7 +148,7 @@ static void black_frame_is_pedestal_and_read_noise(void)
 {
     const struct station_camera camera = {
         .bits = 12, .pedestal = 100.25, .read_noise = 2.5, .electrons = 7};
-    sensor_expose(&camera, signal_, 1, 3, COUNT, raw);
+    expose(&camera, 1, 3, COUNT, raw);
     check_statistics(100.25, 2.5 * 2.5 + 1. / 12);
 }
 
@@ -149,7 +156,7 @@ static void shot_noise_has_the_variance_of_the_electrons(void)
 {
     const struct station_camera camera = {.bits = 12, .pedestal = 100, .electrons = 5};
     fill(2000);
-    sensor_expose(&camera, signal_, 0.5, 4, COUNT, raw); /* 1000 raw units are 5000 electrons */
+    expose(&camera, 0.5, 4, COUNT, raw); /* 1000 raw units are 5000 electrons */
     check_statistics(1100, 1000. / 5 + 1. / 12);
 }
 
@@ -158,7 +165,7 @@ static void few_electrons_are_poisson_with_read_noise_added(void)
     const struct station_camera camera = {
         .bits = 12, .pedestal = 100, .read_noise = 2, .electrons = 0.25};
     fill(48); /* 12 electrons of 4 raw units each */
-    sensor_expose(&camera, signal_, 1, 5, COUNT, raw);
+    expose(&camera, 1, 5, COUNT, raw);
     /* The fourth moment of a Poisson variate of mean 12 makes the variance of the variance a factor 1 + 1/24 larger,
      * within the 5 standard deviations. */
     check_statistics(148, 48. * 4 + 4 + 1. / 12);
@@ -168,10 +175,10 @@ static void noise_is_continuous_where_poisson_turns_normal(void)
 {
     struct station_camera camera = {.bits = 12, .pedestal = 100, .electrons = 1};
     fill(49.99F);
-    sensor_expose(&camera, signal_, 1, 6, COUNT, raw);
+    expose(&camera, 1, 6, COUNT, raw);
     check_statistics(149.99, 49.99); /* whole electrons are whole raw units: nothing is rounded */
     fill(50.01F);
-    sensor_expose(&camera, signal_, 1, 6, COUNT, raw);
+    expose(&camera, 1, 6, COUNT, raw);
     check_statistics(150.01, 50.01 + 1. / 12);
 }
 
@@ -185,11 +192,11 @@ static void frame_does_not_depend_on_the_number_of_threads(void)
         signal_[i] = (float)(i % 1000);
     }
     omp_set_num_threads(1);
-    sensor_expose(&camera, signal_, 1, 7, COUNT, raw);
+    expose(&camera, 1, 7, COUNT, raw);
     omp_set_num_threads(3);
-    sensor_expose(&camera, signal_, 1, 7, COUNT, other);
+    expose(&camera, 1, 7, COUNT, other);
     TEST_ASSERT_EQUAL_MEMORY(raw, other, COUNT * sizeof *raw);
-    sensor_expose(&camera, signal_, 1, 7, 1000, other); /* nor on how many pixels there are */
+    expose(&camera, 1, 7, 1000, other); /* nor on how many pixels there are */
     TEST_ASSERT_EQUAL_MEMORY(raw, other, 1000 * sizeof *raw);
     free(other);
 }
@@ -201,8 +208,8 @@ static void keys_give_independent_noise(void)
     uint16_t *other = malloc(COUNT * sizeof *other);
     double same = 0, shifted = 0;
     TEST_ASSERT_NOT_NULL(other);
-    sensor_expose(&camera, signal_, 1, sensor_key(1, 2), COUNT, raw);
-    sensor_expose(&camera, signal_, 1, sensor_key(1, 3), COUNT, other);
+    expose(&camera, 1, sensor_key(1, 2), COUNT, raw);
+    expose(&camera, 1, sensor_key(1, 3), COUNT, other);
     for (int i = 0; i + 1 < COUNT; i++) {
         same += (raw[i] - 500.) * (other[i] - 500.);
         shifted += (raw[i] - 500.) * (raw[i + 1] - 500.);
@@ -210,6 +217,32 @@ static void keys_give_independent_noise(void)
     /* 5 standard deviations of a sample correlation, 1 / sqrt(n). */
     TEST_ASSERT_DOUBLE_WITHIN(5 / sqrt(COUNT), 0, same / (400. * COUNT));
     TEST_ASSERT_DOUBLE_WITHIN(5 / sqrt(COUNT), 0, shifted / (400. * COUNT));
+    free(other);
+}
+
+/* Dark current is light that was not there: 300 units a second over half a second, with their shot noise. */
+static void dark_current_adds_its_units_and_their_shot_noise(void)
+{
+    const struct station_camera camera = {.bits = 12, .pedestal = 100, .electrons = 2};
+    struct sensor_exposure exposure = {&camera, signal_, 0.5, 150, 8};
+    fill(100);
+    sensor_expose(&exposure, COUNT, raw);
+    check_statistics(100 + 50 + 150, 200. / 2 + 1. / 12);
+}
+
+static void one_pixel_is_exposed_as_among_the_others(void)
+{
+    const struct station_camera camera = {
+        .bits = 12, .pedestal = 100, .read_noise = 2, .electrons = 3};
+    struct sensor_exposure exposure = {&camera, signal_, 1, 20, 9};
+    uint16_t *other = calloc(COUNT, sizeof *other);
+    TEST_ASSERT_NOT_NULL(other);
+    fill(30);
+    sensor_expose(&exposure, COUNT, raw);
+    for (size_t i = 0; i < COUNT; i += 997) {
+        sensor_expose_one(&exposure, i, other);
+        TEST_ASSERT_EQUAL_UINT16(raw[i], other[i]);
+    }
     free(other);
 }
 
@@ -228,5 +261,7 @@ int main(void)
     RUN_TEST(noise_is_continuous_where_poisson_turns_normal);
     RUN_TEST(frame_does_not_depend_on_the_number_of_threads);
     RUN_TEST(keys_give_independent_noise);
+    RUN_TEST(dark_current_adds_its_units_and_their_shot_noise);
+    RUN_TEST(one_pixel_is_exposed_as_among_the_others);
     return UNITY_END();
 }

@@ -380,7 +380,7 @@ static void effects_are_told_with_the_line_that_calls_for_them(void)
     effect = find_effect(effects, count, "cells of ink");
     TEST_ASSERT_TRUE(effect->simulated);
     TEST_ASSERT_EQUAL_INT(27, effect->line);
-    TEST_ASSERT_FALSE(find_effect(effects, count, "reflection off the surface")->simulated);
+    TEST_ASSERT_FALSE(find_effect(effects, count, "local reflection")->simulated);
     TEST_ASSERT_FALSE(find_effect(effects, count, "refraction between materials")->simulated);
     free(effects);
     transport_free(transport);

@@ -1,0 +1,28 @@
+/* What station and sample files call the effects of the virtual station. */
+#include "rig/virtual/effects.h"
+
+const char *const effect_names[] = {"projector latency",
+                                    "colour wheel",
+                                    "black level",
+                                    "projector vignetting",
+                                    "lamp drift",
+                                    "lamp flicker",
+                                    "misalignment",
+                                    "projector defocus",
+                                    "local reflection",
+                                    "dust",
+                                    "tilt",
+                                    "lens distortion",
+                                    "camera defocus",
+                                    "camera vignetting",
+                                    "pixel non-uniformity",
+                                    "dead pixels",
+                                    "dark current",
+                                    "hot pixels",
+                                    "shot noise",
+                                    "read noise",
+                                    "read-out time",
+                                    "dropped frames",
+                                    "late frames",
+                                    "stray trigger",
+                                    NULL};
