@@ -61,7 +61,7 @@ bool lens_distortion_is_sound(const double k[2])
     return false;
 }
 
-void lens_undistort(const double k[2], int width, int height, double *u, double *v)
+void lens_straighten(const double k[2], int width, int height, double *u, double *v)
 {
     enum { STEPS = 8 };
     double dx = *u - 0.5 * width;

@@ -19,6 +19,6 @@ void lens_places_defocused(double diameter_px, struct lens_places *places);
 bool lens_distortion_is_sound(const double k[2]);
 
 /* Where a pixel's place (u, v) would be without distortion, in a frame of width x height. */
-void lens_undistort(const double k[2], int width, int height, double *u, double *v);
+void lens_straighten(const double k[2], int width, int height, double *u, double *v);
 
 #endif

@@ -148,8 +148,8 @@ find_footprint(const struct view *view, int px, int py, bool distorted, struct f
         double u = px + view->places.u[i];
         double v = py + view->places.v[i];
         if (distorted) {
-            lens_undistort(station->simulated.camera.distortion, station->camera.width,
-                           station->camera.height, &u, &v);
+            lens_straighten(station->simulated.camera.distortion, station->camera.width,
+                            station->camera.height, &u, &v);
         }
         double w = inverse[2][0] * u + inverse[2][1] * v + inverse[2][2];
         double x = (inverse[0][0] * u + inverse[0][1] * v + inverse[0][2]) / w;
