@@ -73,7 +73,7 @@ static void print_plan(const struct session *session, const struct sequence_need
     const struct plan *plan = &session->plan;
     printf("%-13s %d white, %d dots, %d black, %d grids\n", "plan",
            plan_pattern_count(plan, PATTERN_WHITE), plan_pattern_count(plan, PATTERN_DOTS),
-           plan_pattern_count(plan, PATTERN_BLACK), plan_pattern_count(plan, PATTERN_GRID));
+           plan_pattern_count(plan, PATTERN_BLACK), plan_shown_count(plan, PATTERN_GRID));
     printf("%-13s", "exposures");
     for (size_t i = 0; i < plan->exposure_count; i++) {
         printf(" %g ms", (double)session_exposure_ns(session, i) * 1e-6);
@@ -93,7 +93,7 @@ static json_t *plan_as_json(const struct session *session, const struct sequence
                      plan_pattern_count(&session->plan, PATTERN_WHITE), "dots",
                      plan_pattern_count(&session->plan, PATTERN_DOTS), "black",
                      plan_pattern_count(&session->plan, PATTERN_BLACK), "grids",
-                     plan_pattern_count(&session->plan, PATTERN_GRID), "exposures_ns", exposures,
+                     plan_shown_count(&session->plan, PATTERN_GRID), "exposures_ns", exposures,
                      "patterns_to_measure", (json_int_t)needs->patterns, "frames_to_take",
                      (json_int_t)needs->exposures, "station_seconds", needs->seconds,
                      "bytes_at_most", (json_int_t)needs->bytes);

@@ -5,6 +5,6 @@
 #include "base/options.h"
 
 extern const struct verb verb_scan, verb_devices, verb_develop, verb_simulate, verb_factor,
-    verb_error, verb_render, verb_report;
+    verb_error, verb_render, verb_report, verb_plan;
 
 #endif

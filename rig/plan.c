@@ -67,6 +67,12 @@ static const struct settings_field fields[] = {
      .maximum = SPACING_MAXIMUM,
      .required = true,
      .sentence = "surface points between lit points of a grid; its square is the number of grids"},
+    {.key = "grid_patterns",
+     .kind = SETTINGS_INT,
+     .offset = offsetof(struct plan, grid_patterns),
+     .maximum = (double)SPACING_MAXIMUM * SPACING_MAXIMUM,
+     .fallback = "0",
+     .sentence = "grids that are measured, a random choice of them; 0: all"},
     {.key = "window",
      .kind = SETTINGS_INT,
      .offset = offsetof(struct plan, window),
@@ -171,6 +177,13 @@ int plan_pattern_count(const struct plan *plan, enum pattern_kind kind)
     return 0;
 }
 
+int plan_shown_count(const struct plan *plan, enum pattern_kind kind)
+{
+    int all = plan_pattern_count(plan, kind);
+    bool some = kind == PATTERN_GRID && plan->grid_patterns > 0 && plan->grid_patterns < all;
+    return some ? plan->grid_patterns : all;
+}
+
 /* SplitMix64 (Steele, Lea and Flood 2014): the same numbers on every machine. */
 static uint64_t random_next(uint64_t *state)
 {
@@ -225,6 +238,7 @@ int plan_order(const struct plan *plan, struct pattern **patterns, size_t *count
         }
         if (kinds[k] == PATTERN_GRID && plan->order == GRID_ORDER_RANDOM) {
             shuffle(*patterns + first, used - first, (uint64_t)plan->seed);
+            used = first + (size_t)plan_shown_count(plan, PATTERN_GRID);
         }
     }
     *count = used;

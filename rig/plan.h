@@ -33,6 +33,7 @@ struct plan {
     int dot_shift;          /* projector pixels from one dots pattern to the next, in x and in y */
     int dot_size;           /* side of a square dot, projector pixels */
     int grid_spacing;       /* surface points between lit points; spacing^2 patterns */
+    int grid_patterns;      /* grids that are measured, a random choice of them; 0: all */
     int window;             /* K of the responses to be extracted, odd, at most grid_spacing */
     double *exposure_turns; /* exposures in turns of the colour wheel, ascending; heap */
     size_t exposure_count;
@@ -58,7 +59,10 @@ bool pattern_kind_wants_white_layer(enum pattern_kind kind);
  * dots, ... */
 int plan_pattern_count(const struct plan *plan, enum pattern_kind kind);
 
-/* The order of showing: patterns[sum of counts] on the heap. White and dots first (with the white
+/* How many of them are shown: of the grids those that grid_patterns asks for. */
+int plan_shown_count(const struct plan *plan, enum pattern_kind kind);
+
+/* The order of showing: patterns[sum of shown counts] on the heap. White and dots first (with the white
  * layer on), then black and all grids (bare sample), the grids shuffled by the seed unless the plan
  * wants them by number; the same for the same plan everywhere. */
 int plan_order(const struct plan *plan, struct pattern **patterns, size_t *count,

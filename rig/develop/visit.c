@@ -44,13 +44,13 @@ static int list_measured(const struct session *session, enum pattern_kind kind, 
 {
     int count = 0;
     int total = plan_pattern_count(&session->plan, kind);
+    int shown = plan_shown_count(&session->plan, kind);
     for (int n = 0; n < total && (limit == 0 || count < limit); n++) {
         if (session_has(session, (struct pattern){kind, n})) {
             numbers[count++] = n;
-        } else {
-            (*missing)++;
         }
     }
+    *missing = shown > count ? shown - count : 0;
     return count;
 }
 

@@ -2,6 +2,7 @@
 #include "made.h"
 #include "nacre/scan.h"
 #include "rig/develop/develop.h"
+#include "rig/develop/pilot.h"
 #include "rig/sequence.h"
 #include "rig/virtual/sample.h"
 #include "rig/virtual/transport.h"
@@ -29,6 +30,11 @@ static const char plan_text[] = "seed: 3\nblack_frames: 24\nwhite_frames: 4\ndot
                                 "dot_shift: 2\ngrid_spacing: 9\nwindow: 9\n"
                                 "exposure_turns: [1, 4, 15, 60]\n";
 
+static const char pilot_text[] = "seed: 3\nblack_frames: 24\nwhite_frames: 4\ndot_spacing: 6\n"
+                                 "dot_shift: 2\ngrid_spacing: 18\ngrid_patterns: 40\n"
+                                 "window: 17\nexposure_turns: [1, 4, 15, 60]\n";
+
+static const char *plan = plan_text;
 static char *folder;
 static struct nacre_error error;
 
@@ -97,7 +103,7 @@ static void scan(const char *sensor, double vignetting, double roll_deg)
                    "           vignetting: 0.2, response: [0.7, 1, 0.8]}\n",
                    WIDTH, HEIGHT, sensor, vignetting, roll_deg);
     write_text("station.yaml", text);
-    write_text("plan.yaml", plan_text);
+    write_text("plan.yaml", plan);
     write_text("sample.yaml", sample_text);
     char *path = in_folder("session");
     char *station = in_folder("station.yaml");
@@ -134,7 +140,7 @@ static struct develop_report develop(enum demosaic demosaic)
 }
 
 /* The exact responses as FOLDER/exact.exr. */
-static void simulate(void)
+static void simulate(int window)
 {
     struct sample sample;
     struct transport *transport = NULL;
@@ -142,7 +148,7 @@ static void simulate(void)
     char *output = in_folder("exact.exr");
     must(sample_read(path, &sample, &error));
     must(transport_new(&sample, &transport, &error));
-    must(transport_write_scan(transport, WINDOW, output, NULL, &error));
+    must(transport_write_scan(transport, window, output, NULL, &error));
     transport_free(transport);
     sample_finish(&sample);
     free(path);
@@ -191,7 +197,7 @@ static void scan_without_noise_is_exact_but_for_the_virtual_camera(void)
 {
     double scale;
     scan(silent, 0, 1.5);
-    simulate();
+    simulate(WINDOW);
     struct develop_report report = develop(DEMOSAIC_AUTO);
     /* The virtual camera knows how a pixel's view is shared between points from 8 x 8 places: a share is off by 0.02 to
      * 0.04, and the pixels that straddle points are some 40 % of all. With 48 x 48 places the same scan is within
@@ -210,7 +216,7 @@ static void scan_with_noise_and_fall_off_is_within_its_budget(void)
 {
     double scale;
     scan(noisy, 0.2, 1.5);
-    simulate();
+    simulate(WINDOW);
     struct develop_report report = develop(DEMOSAIC_AUTO);
     /* To the above come the shot noise of the lit points (0.13 of a white that nearly fills the range, over exposures of
      * 1 and 4 turns: some 20,000 electrons in a colour, 0.7 %) and the projector's fall-off between x_i and x_o (0.3 %);
@@ -219,6 +225,64 @@ static void scan_with_noise_and_fall_off_is_within_its_budget(void)
     TEST_ASSERT_DOUBLE_WITHIN(0.006, 1, scale);
     TEST_ASSERT_DOUBLE_WITHIN(0.05, 0, report.align.rms_px);
     TEST_ASSERT_EQUAL_UINT(0, report.linearity.dead + report.linearity.nonlinear);
+}
+
+/* Share of an exact response's energy in one colour beyond ring `half`. */
+static double exact_leak(const float *response, int window, int half)
+{
+    double within = 0;
+    double beyond = 0;
+    for (int k = 0; k < window * window; k++) {
+        int u = abs(k % window - window / 2);
+        int v = abs(k / window - window / 2);
+        within += u <= half && v <= half ? (double)response[k] : 0;
+        beyond += u <= half && v <= half ? 0 : (double)response[k];
+    }
+    return beyond / (within + beyond);
+}
+
+static void pilot_bounds_the_leak_of_the_whole_scan(void)
+{
+    enum { ALL = 35 }; /* a window that holds the whole sample around any of its points */
+    static float response[3 * ALL * ALL];
+    const double bound = 0.03;
+    struct pilot pilot;
+    struct nacre_scan *exact = NULL;
+    double mean = 0;
+    double narrower = 0;
+    int above = 0;
+    int half;
+    plan = pilot_text;
+    scan(noisy, 0.2, 1.5);
+    plan = plan_text;
+    simulate(ALL);
+    char *path = in_folder("session");
+    char *scratch = in_folder("scan.exr");
+    char *exact_path = in_folder("exact.exr");
+    must(pilot_read(path, scratch, NULL, &pilot, &error));
+    must(pilot_choose(&pilot, bound, &half, &error));
+    /* Grids whose one point would lie below the 14 rows light none: 4 of 18. */
+    TEST_ASSERT_TRUE(pilot.responses > 24 && pilot.responses <= 40);
+    must(nacre_scan_open(exact_path, &exact, &error));
+    for (int i = 0; i < WIDTH * HEIGHT; i++) {
+        must(nacre_scan_read(exact, i % WIDTH, i / WIDTH, response, &error));
+        for (int c = 0; c < 3; c++) {
+            double leak = exact_leak(response + (ptrdiff_t)c * ALL * ALL, ALL, half);
+            mean += leak / (3 * WIDTH * HEIGHT);
+            above += leak > bound ? 1 : 0;
+            narrower =
+                fmax(narrower, exact_leak(response + (ptrdiff_t)c * ALL * ALL, ALL, half - 1));
+        }
+    }
+    /* The worst of 40 points in 252 leaves a 40th of the others above it, and the window is no wider than it must be. */
+    TEST_ASSERT_TRUE(mean < bound);
+    TEST_ASSERT_TRUE(above < 3 * WIDTH * HEIGHT / 20);
+    TEST_ASSERT_TRUE(narrower > bound);
+    nacre_scan_close(exact);
+    pilot_finish(&pilot);
+    free(path);
+    free(scratch);
+    free(exact_path);
 }
 
 static void falloff_taken_where_light_enters_beats_the_papers_way(void)
@@ -230,7 +294,7 @@ static void falloff_taken_where_light_enters_beats_the_papers_way(void)
     struct develop_options separate = paper;
     separate.flat = FLAT_SEPARATE;
     scan(silent, 0.5, 1.5);
-    simulate();
+    simulate(WINDOW);
     (void)develop_by(&paper);
     double theirs = compare(&scale);
     struct develop_report report = develop_by(&separate);
@@ -248,7 +312,7 @@ static void fit_beats_the_means_by_far(void)
 {
     double scale;
     scan(noisy, 0.2, 1.5);
-    simulate();
+    simulate(WINDOW);
     (void)develop(DEMOSAIC_FIT);
     double fit = compare(&scale);
     (void)develop(DEMOSAIC_AREA);
@@ -263,7 +327,7 @@ static void camera_upside_down_gives_the_same_scan(void)
 {
     double scale;
     scan(noisy, 0.2, -178);
-    simulate();
+    simulate(WINDOW);
     (void)develop(DEMOSAIC_AUTO);
     TEST_ASSERT_DOUBLE_WITHIN(0.013, 0, compare(&scale));
 }
@@ -273,6 +337,7 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(scan_without_noise_is_exact_but_for_the_virtual_camera);
     RUN_TEST(scan_with_noise_and_fall_off_is_within_its_budget);
+    RUN_TEST(pilot_bounds_the_leak_of_the_whole_scan);
     RUN_TEST(falloff_taken_where_light_enters_beats_the_papers_way);
     RUN_TEST(fit_beats_the_means_by_far);
     RUN_TEST(camera_upside_down_gives_the_same_scan);

@@ -104,6 +104,31 @@ static void order_shows_every_pattern_once(void)
     plan_finish(&plan);
 }
 
+static void pilot_shows_a_random_choice_of_grids(void)
+{
+    struct plan plan;
+    struct pattern *all;
+    struct pattern *some;
+    size_t count;
+    size_t fewer;
+    read_stage_plan(&plan);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, plan_order(&plan, &all, &count, &error));
+    plan.grid_patterns = 3;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, plan_order(&plan, &some, &fewer, &error));
+    TEST_ASSERT_EQUAL_INT(3, plan_shown_count(&plan, PATTERN_GRID));
+    TEST_ASSERT_EQUAL_INT(9, plan_pattern_count(&plan, PATTERN_GRID));
+    TEST_ASSERT_EQUAL_UINT(count - 6, fewer);
+    for (size_t i = 0; i < fewer; i++) {
+        TEST_ASSERT_EQUAL_INT(all[i].kind, some[i].kind);
+        TEST_ASSERT_EQUAL_INT(all[i].number, some[i].number);
+    }
+    plan.grid_patterns = 1000; /* more than there are */
+    TEST_ASSERT_EQUAL_INT(9, plan_shown_count(&plan, PATTERN_GRID));
+    free(all);
+    free(some);
+    plan_finish(&plan);
+}
+
 static void order_changes_the_white_layer_once(void)
 {
     struct plan plan;
@@ -240,6 +265,7 @@ int main(void)
     RUN_TEST(plan_refuses_what_cannot_be_measured);
     RUN_TEST(plan_messages_name_line_and_column);
     RUN_TEST(order_shows_every_pattern_once);
+    RUN_TEST(pilot_shows_a_random_choice_of_grids);
     RUN_TEST(order_changes_the_white_layer_once);
     RUN_TEST(order_depends_on_the_seed_alone);
     RUN_TEST(sequential_order_shows_the_grids_by_number);
