@@ -66,7 +66,8 @@ static void smallest_window_within_the_bound_is_chosen(void)
 {
     int half;
     measure(0.7, 0, RESPONSES);
-    for (double bound = 0.2; bound > 0.004; bound /= 1.7) {
+    for (int k = 0; k < 8; k++) {
+        double bound = 0.2 / pow(1.7, k);
         TEST_ASSERT_EQUAL_INT(NACRE_OK, pilot_choose(&pilot, bound, &half, &error));
         TEST_ASSERT_TRUE(pow(0.74, half + 1) <= bound + 1e-5);
         TEST_ASSERT_TRUE(pow(0.74, half) > bound - 1e-5);
