@@ -3,6 +3,7 @@
 #include "cmd/scan_explain.h"
 #include "cmd/stand.h"
 #include "cmd/verbs.h"
+#include "rig/calibration_reuse.h"
 #include "rig/person.h"
 #include "rig/sequence.h"
 
@@ -14,7 +15,7 @@
 #include <sys/stat.h>
 
 struct scan_settings {
-    const char *station, *plan;
+    const char *station, *plan, *calibration;
     bool resume, dry_run, explain;
     int retries;
 };
@@ -32,6 +33,14 @@ static const struct option_spec scan_options[] = {
      .argument = "FILE",
      .offset = offsetof(struct scan_settings, plan),
      .sentence = "the plan file, instead of the one that the station file names"},
+    {.name = "calibration",
+     .letter = 'c',
+     .kind = OPTION_STRING,
+     .argument = "OLD",
+     .offset = offsetof(struct scan_settings, calibration),
+     .sentence =
+         "take white and dots frames over from the session OLD, if a check frame shows that "
+         "nothing has moved since"},
     {.name = "resume",
      .letter = 'r',
      .kind = OPTION_FLAG,
@@ -199,8 +208,9 @@ static int print_json(const struct sequence_result *result, const struct station
                                   json_integer((json_int_t)result->retaken[i]));
     }
     return json_print(
-        json_pack("{s:I, s:I, s:I, s:I, s:o, s:I, s:f, s:o, s:f, s:I}", "patterns",
+        json_pack("{s:I, s:I, s:I, s:f, s:I, s:I, s:o, s:I, s:f, s:o, s:f, s:I}", "patterns",
                   (json_int_t)result->patterns, "measured_before", (json_int_t)result->skipped,
+                  "taken_over", (json_int_t)result->taken_over, "moved_px", result->moved_px,
                   "frames", (json_int_t)result->exposures, "retries", (json_int_t)result->retries,
                   "retaken", retaken, "insisted", (json_int_t)result->insisted, "station_seconds",
                   (double)result->station_ns * 1e-9, "seconds", seconds, "overhead_turns",
@@ -214,6 +224,10 @@ static void print_text(const struct sequence_result *result, const struct statio
     const char *between = " (";
     printf("%-13s %zu measured, %zu measured before\n", "patterns", result->patterns,
            result->skipped);
+    if (result->taken_over) {
+        printf("%-13s %zu patterns taken over; dots moved by %.2f pixels at most\n", "calibration",
+               result->taken_over, result->moved_px);
+    }
     printf("%-13s %zu, %zu retries", "frames", result->exposures, result->retries);
     for (int i = 0; i < RETAKES; i++) {
         if (result->retaken[i]) {
@@ -269,12 +283,14 @@ static struct sequence_operator operator_of(struct stand *stand, struct person *
 }
 
 static int measure(const char *path, const struct scan_settings *settings, struct stand *stand,
-                   struct person *person, bool json, struct nacre_error *error)
+                   const struct session *calibration, struct person *person, bool json,
+                   struct nacre_error *error)
 {
     struct session session = {0};
     struct sequence_result result;
     const struct sequence_options options = {.retries = settings->retries,
-                                             .check_layer = !stand->simulated};
+                                             .check_layer = !stand->simulated,
+                                             .calibration = calibration->path ? calibration : NULL};
     const struct sequence_operator who = operator_of(stand, person);
     int status =
         session_create(path, settings->station, settings->plan, settings->resume, &session, error);
@@ -292,9 +308,16 @@ static int measure(const char *path, const struct scan_settings *settings, struc
     return status;
 }
 
+static int open_calibration(const char *path, const struct session *wanted,
+                            struct session *calibration, struct nacre_error *error)
+{
+    int status = session_open(path, calibration, error);
+    return status == NACRE_OK ? calibration_fits(calibration, wanted, error) : status;
+}
+
 /* Ask for the disk and open the devices first: where one fails, no session is begun. */
 static int prepare(const char *path, const struct scan_settings *settings, struct stand *stand,
-                   struct nacre_error *error)
+                   struct session *calibration, struct nacre_error *error)
 {
     struct session wanted = {0};
     struct sequence_needs needs;
@@ -311,6 +334,12 @@ static int prepare(const char *path, const struct scan_settings *settings, struc
     if (status != NACRE_OK) {
         goto out;
     }
+    if (settings->calibration) {
+        status = open_calibration(settings->calibration, &wanted, calibration, error);
+    }
+    if (status != NACRE_OK) {
+        goto out;
+    }
     status = stand_open(&wanted.station, stand, error);
 out:
     session_finish(&wanted);
@@ -321,18 +350,20 @@ static int scan(const char *path, const struct scan_settings *settings,
                 const struct invocation *invocation, struct nacre_error *error)
 {
     struct stand stand = {0};
+    struct session calibration = {0};
     struct progress progress = progress_begin("scanning", invocation->quiet);
     struct person person;
     int status = person_begin(&person, &progress, error);
     if (status != NACRE_OK) {
         return status;
     }
-    status = prepare(path, settings, &stand, error);
+    status = prepare(path, settings, &stand, &calibration, error);
     if (status != NACRE_OK) {
         goto out;
     }
-    status = measure(path, settings, &stand, &person, invocation->json, error);
+    status = measure(path, settings, &stand, &calibration, &person, invocation->json, error);
 out:
+    session_finish(&calibration);
     stand_close(&stand);
     person_end(&person);
     return status;
@@ -345,6 +376,10 @@ static int run(const void *values, const struct invocation *invocation, struct n
     if (settings->plan && !settings->station) {
         (void)nacre_fail(error,
                          "--plan: needs --station too; a session keeps the plan it began with");
+        return OPTIONS_WRONG_USAGE;
+    }
+    if (settings->calibration && settings->resume) {
+        (void)nacre_fail(error, "--calibration: is for new sessions; a resumed one has its own");
         return OPTIONS_WRONG_USAGE;
     }
     if (!settings->station && !settings->resume) {

@@ -51,18 +51,21 @@ void layer_check_remember(struct layer_check *check, const struct pattern_frames
 int layer_check_begin(struct layer_check *check, struct exposer *exposer,
                       const struct session *session, uint8_t *levels, struct nacre_error *error)
 {
-    const struct pattern first = {PATTERN_DOTS, 0};
-    struct pattern_frames frames;
     *check = (struct layer_check){.exposer = exposer, .session = session};
     check->levels = levels;
     check->frames = calloc(3 * pixels_of(check), sizeof *check->frames);
-    if (!check->frames) {
-        return nacre_fail_memory(error, "check frames");
-    }
-    if (!session_has(session, first)) {
+    return check->frames ? NACRE_OK : nacre_fail_memory(error, "check frames");
+}
+
+int layer_check_recall(struct layer_check *check, const struct session *from,
+                       struct nacre_error *error)
+{
+    const struct pattern first = {PATTERN_DOTS, 0};
+    struct pattern_frames frames;
+    if (!session_has(from, first)) {
         return NACRE_OK;
     }
-    int status = session_read(session, first, &frames, error);
+    int status = session_read(from, first, &frames, error);
     if (status == NACRE_OK) {
         layer_check_remember(check, &frames);
         pattern_frames_finish(&frames);
@@ -142,9 +145,12 @@ enum layer_verdict layer_judge(const struct frame_difference *difference, bool o
     return changed ? (right_way ? LAYER_RIGHT : LAYER_WRONG) : same ? LAYER_WRONG : LAYER_UNCLEAR;
 }
 
-static void explain(const struct frame_difference *d, bool on, bool on_layer,
-                    enum layer_verdict verdict, char *why, size_t size)
+static void explain(bool on, bool on_layer, struct layer_finding *finding)
 {
+    const struct frame_difference *d = &finding->difference;
+    enum layer_verdict verdict = finding->verdict;
+    char *why = finding->why;
+    size_t size = sizeof finding->why;
     double gain = 100 * d->gain;
     double rest = 100 * d->rest;
     if (verdict == LAYER_MOVED) {
@@ -177,8 +183,8 @@ static void explain(const struct frame_difference *d, bool on, bool on_layer,
     }
 }
 
-int layer_check_after(struct layer_check *check, bool on, enum layer_verdict *verdict, char *why,
-                      size_t size, struct nacre_error *error)
+int layer_check_after(struct layer_check *check, bool on, struct layer_finding *finding,
+                      struct nacre_error *error)
 {
     const struct camera *camera = check->exposer->devices->camera;
     size_t pixels = pixels_of(check);
@@ -201,10 +207,10 @@ int layer_check_after(struct layer_check *check, bool on, enum layer_verdict *ve
                                     .width = camera->width,
                                     .height = camera->height,
                                     .full_scale = full_scale_of(check)};
-    struct frame_difference difference = frame_compare(&pair);
-    *verdict = layer_judge(&difference, on, check->on_layer);
-    explain(&difference, on, check->on_layer, *verdict, why, size);
-    if (!check->on_layer && *verdict == LAYER_WRONG) {
+    finding->difference = frame_compare(&pair);
+    finding->verdict = layer_judge(&finding->difference, on, check->on_layer);
+    explain(on, check->on_layer, finding);
+    if (!check->on_layer && finding->verdict == LAYER_WRONG) {
         /* What was done was the opposite, or nothing: that is what the next deed changes. */
         memcpy(check->frames, pair.now, pixels * sizeof *check->frames);
     }

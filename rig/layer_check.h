@@ -31,10 +31,22 @@ enum layer_verdict {
     LAYER_MOVED    /* it is on, but not all is where it was */
 };
 
-/* Zero-initialised it is empty; layer_check_finish frees. Takes over the frame of the session's first dots pattern where
- * that was measured. `levels` has room for a pattern. */
+/* What was found, and on what ground. */
+struct layer_finding {
+    enum layer_verdict verdict;
+    struct frame_difference difference;
+    char why[256]; /* a sentence without a full stop, where the verdict is not LAYER_RIGHT */
+};
+
+/* Zero-initialised it is empty; layer_check_finish frees. `levels` has room for a pattern. */
 int layer_check_begin(struct layer_check *check, struct exposer *exposer,
                       const struct session *session, uint8_t *levels, struct nacre_error *error);
+
+/* Compare with the first dots pattern of a session from now on, where it was measured: of this one, or of another of which
+ * the calibration is to be used. */
+int layer_check_recall(struct layer_check *check, const struct session *from,
+                       struct nacre_error *error);
+
 void layer_check_finish(struct layer_check *check);
 
 /* The first dots pattern was measured on the layer: compare with it from now on. Others are left alone. */
@@ -43,9 +55,9 @@ void layer_check_remember(struct layer_check *check, const struct pattern_frames
 /* Before the person is asked: take what there is to compare with where nothing is known. */
 int layer_check_before(struct layer_check *check, struct nacre_error *error);
 
-/* After the person has done it. `why` gets a sentence without a full stop where the verdict is not LAYER_RIGHT. */
-int layer_check_after(struct layer_check *check, bool on, enum layer_verdict *verdict, char *why,
-                      size_t size, struct nacre_error *error);
+/* After the person has done it. */
+int layer_check_after(struct layer_check *check, bool on, struct layer_finding *finding,
+                      struct nacre_error *error);
 
 /* The same, decided on a difference: for a reference measured on the layer (on_layer), or in the state before. */
 enum layer_verdict layer_judge(const struct frame_difference *difference, bool on, bool on_layer);

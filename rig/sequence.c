@@ -2,7 +2,8 @@
  * disk. */
 #include "rig/sequence.h"
 
-#include "rig/layer_check.h"
+#include "rig/calibration_reuse.h"
+#include "rig/sequence_layer.h"
 #include "rig/sequence_writer.h"
 
 #include <math.h>
@@ -19,8 +20,7 @@ struct run {
     struct sequence_writer *writer;
     struct exposer exposer;
     uint8_t *levels; /* [projector height][projector width] */
-    bool layer_known, layer_on, check_layer;
-    struct layer_check layer; /* with check_layer */
+    struct sequence_layer layer;
 };
 
 /* Add what has passed on the station's clock since `began_ns`. */
@@ -55,67 +55,6 @@ static int check_devices(const struct devices *devices, const struct session *se
             sample->height);
     }
     return NACRE_OK;
-}
-
-/* How often the person is asked for one change of the layer. */
-enum { REQUESTS = 3 };
-
-/* Ask the person, whose time it is. */
-static int ask(struct run *run, bool on, struct nacre_error *error)
-{
-    int64_t began_ns = clock_now_ns(run->devices->clock);
-    int status = run->person->white_layer(run->person->context, on, error);
-    account(run, began_ns, &run->result->times.person_ns);
-    return status;
-}
-
-/* Ask until a check frame shows that it was done, or the person insists. */
-static int ask_and_check(struct run *run, bool on, struct nacre_error *error)
-{
-    const struct sequence_operator *person = run->person;
-    enum layer_verdict verdict = LAYER_UNCLEAR;
-    char why[256] = "";
-    int status = layer_check_before(&run->layer, error);
-    for (int i = 0; i < REQUESTS && status == NACRE_OK; i++) {
-        if (i > 0 && person->layer_doubted) {
-            person->layer_doubted(person->context, why);
-        }
-        status = ask(run, on, error);
-        if (status != NACRE_OK) {
-            break;
-        }
-        status = layer_check_after(&run->layer, on, &verdict, why, sizeof why, error);
-        if (status == NACRE_OK && verdict == LAYER_RIGHT) {
-            return NACRE_OK;
-        }
-        if (status == NACRE_OK && verdict == LAYER_MOVED) {
-            return nacre_fail(error,
-                              "%s since this session's calibration; put it back, or begin a new "
-                              "session",
-                              why);
-        }
-    }
-    if (status == SEQUENCE_INSISTED) {
-        run->result->insisted++;
-        return NACRE_OK;
-    }
-    return status == NACRE_OK
-               ? nacre_fail(error, "white layer: asked %d times to %s. %s; see to it and resume",
-                            REQUESTS, on ? "lay it on" : "take it off", why)
-               : status;
-}
-
-static int lay_white_layer(struct run *run, enum pattern_kind kind, struct nacre_error *error)
-{
-    bool on = pattern_kind_wants_white_layer(kind);
-    int status = NACRE_OK;
-    if (!run->layer_known || run->layer_on != on) {
-        status = run->check_layer ? ask_and_check(run, on, error) : ask(run, on, error);
-        status = status == SEQUENCE_INSISTED ? NACRE_OK : status;
-        run->layer_known = status == NACRE_OK;
-        run->layer_on = on;
-    }
-    return status;
 }
 
 /* Frames with room for every exposure of the plan. */
@@ -156,7 +95,7 @@ static int measure(struct run *run, struct pattern pattern, struct nacre_error *
     if (status != NACRE_OK) {
         goto out;
     }
-    status = lay_white_layer(run, pattern.kind, error);
+    status = sequence_layer_set(&run->layer, pattern_kind_wants_white_layer(pattern.kind), error);
     if (status != NACRE_OK) {
         goto out;
     }
@@ -173,8 +112,8 @@ static int measure(struct run *run, struct pattern pattern, struct nacre_error *
     if (status != NACRE_OK) {
         goto out;
     }
-    if (run->check_layer) {
-        layer_check_remember(&run->layer, &frames);
+    if (run->layer.checked) {
+        layer_check_remember(&run->layer.check, &frames);
     }
     int64_t handed_ns = clock_now_ns(run->devices->clock);
     status = sequence_writer_put(run->writer, &frames, error);
@@ -240,31 +179,64 @@ static int measure_missing(struct run *run, const struct pattern *patterns, size
     return NACRE_OK;
 }
 
-/* What the devices and the disk must be before the first pattern. */
-static int prepare(struct run *run, struct sequence_needs *needs, struct nacre_error *error)
+/* What is needed to show patterns and to look at the white layer. */
+static int begin(struct run *run, const struct sequence_options *options, struct nacre_error *error)
 {
     const struct projector *projector = run->devices->projector;
-    int status = check_devices(run->devices, run->session, error);
-    if (status != NACRE_OK) {
-        return status;
-    }
-    status =
-        sequence_estimate(&run->session->station, &run->session->plan, run->session, needs, error);
-    if (status != NACRE_OK) {
-        return status;
-    }
-    status = sequence_check_disk(run->session->path, needs, error);
-    if (status != NACRE_OK) {
-        return status;
-    }
+    struct layer_check *check = &run->layer.check;
     run->levels = malloc((size_t)projector->width * (size_t)projector->height);
     if (!run->levels) {
         return nacre_fail_memory(error, "a pattern");
     }
-    if (run->check_layer) {
-        status = layer_check_begin(&run->layer, &run->exposer, run->session, run->levels, error);
+    run->layer.checked = options->check_layer;
+    if (!options->check_layer && !options->calibration) {
+        return NACRE_OK;
     }
-    return status == NACRE_OK ? sequence_writer_new(run->session, &run->writer, error) : status;
+    int status = layer_check_begin(check, &run->exposer, run->session, run->levels, error);
+    return status == NACRE_OK ? layer_check_recall(check, run->session, error) : status;
+}
+
+/* Use another session's calibration if nothing has moved. A session that has dots has a calibration. */
+static int use_calibration(struct run *run, const struct session *old, struct nacre_error *error)
+{
+    const struct pattern first = {PATTERN_DOTS, 0};
+    struct sequence_result *result = run->result;
+    if (session_has(run->session, first)) {
+        return NACRE_OK;
+    }
+    int status = calibration_fits(old, run->session, error);
+    if (status == NACRE_OK) {
+        status = layer_check_recall(&run->layer.check, old, error);
+    }
+    if (status == NACRE_OK) {
+        status = sequence_layer_verify(&run->layer, old->path, &result->moved_px, error);
+    }
+    return status == NACRE_OK ? calibration_take_over(old, run->session, &result->taken_over, error)
+                              : status;
+}
+
+/* All that comes before the first pattern. */
+static int prepare(struct run *run, const struct sequence_options *options,
+                   struct sequence_needs *needs, struct nacre_error *error)
+{
+    const struct session *session = run->session;
+    int status = check_devices(run->devices, session, error);
+    if (status != NACRE_OK) {
+        return status;
+    }
+    status = begin(run, options, error);
+    if (status == NACRE_OK && options->calibration) {
+        status = use_calibration(run, options->calibration, error);
+    }
+    if (status != NACRE_OK) {
+        return status;
+    }
+    status = sequence_estimate(&session->station, &session->plan, session, needs, error);
+    if (status != NACRE_OK) {
+        return status;
+    }
+    status = sequence_check_disk(session->path, needs, error);
+    return status == NACRE_OK ? sequence_writer_new(session, &run->writer, error) : status;
 }
 
 /* What the run leaves to be told. */
@@ -275,7 +247,9 @@ static void sum_up(const struct run *run, int64_t began_ns)
     result->exposures = run->exposer.exposures;
     result->retries = exposer_retries(&run->exposer);
     memcpy(result->retaken, run->exposer.retaken, sizeof result->retaken);
+    result->insisted = run->layer.insisted;
     result->times.stages = *stages;
+    result->times.person_ns += run->layer.person_ns;
     result->station_ns = clock_now_ns(run->devices->clock) - began_ns;
     result->times.rest_ns = result->station_ns - result->times.person_ns - result->times.disk_ns -
                             stages->exposing_ns - stages->readout_ns - stages->flip_ns -
@@ -300,8 +274,8 @@ int sequence_run(const struct devices *devices, const struct session *session,
         .session = session,
         .person = person,
         .result = result,
-        .check_layer = options->check_layer,
-                      .exposer = {.devices = devices,
+        .layer = {.person = person, .clock = devices->clock},
+        .exposer = {.devices = devices,
                     .retries = options->retries,
                     .tolerance_ns = options->tolerance_ns
                                         ? options->tolerance_ns
@@ -313,7 +287,7 @@ int sequence_run(const struct devices *devices, const struct session *session,
     size_t count = 0;
     int64_t began_ns = clock_now_ns(devices->clock);
     *result = (struct sequence_result){0};
-    int status = prepare(&run, &needs, error);
+    int status = prepare(&run, options, &needs, error);
     if (status != NACRE_OK) {
         goto out;
     }
@@ -330,7 +304,7 @@ int sequence_run(const struct devices *devices, const struct session *session,
 out:
     sum_up(&run, began_ns);
     sequence_writer_free(run.writer);
-    layer_check_finish(&run.layer);
+    sequence_layer_finish(&run.layer);
     free(run.levels);
     free(patterns);
     return status;

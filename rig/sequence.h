@@ -42,6 +42,9 @@ struct sequence_options {
     int64_t tolerance_ns; /* by which a frame may begin before or after its trigger; 0: as the
                              station says */
     bool check_layer;     /* after each change of the white layer look whether it was done */
+    const struct session *
+        calibration; /* of which white and dots frames are taken over where this session has no dots and
+                                          nothing has moved; NULL: all are measured */
 };
 
 /* What a whole plan needs. */
@@ -64,6 +67,8 @@ struct sequence_result {
     size_t patterns, skipped;  /* measured now; measured before */
     size_t exposures, retries; /* kept; taken again */
     size_t retaken[RETAKES];   /* what was taken again, by reason */
+    size_t taken_over;         /* calibration frames of another session */
+    double moved_px;           /* by which dots lie from where those have them, at most */
     size_t insisted;           /* changes of the white layer that no check frame showed */
     int64_t station_ns;        /* on the station's clock */
     struct sequence_times times;

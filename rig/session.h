@@ -42,6 +42,8 @@ struct pattern_frames {
     int seed; /* of the plan that showed it */
     size_t count;
     struct exposure *exposures;
+    const char
+        *origin; /* the session that it is taken over from, for writing; NULL: measured here */
 };
 
 /* Read the settings that a session would be measured with into session->station and session->plan. */

@@ -58,6 +58,10 @@ static int add_file_attributes(struct exr_part *part, const struct pattern_frame
         exr_part_add_int(part, "nacre.pattern.number", frames->pattern.number) != NACRE_OK) {
         return NACRE_FAILED;
     }
+    if (frames->origin &&
+        exr_part_add_string(part, "nacre.calibration", frames->origin) != NACRE_OK) {
+        return NACRE_FAILED;
+    }
     return exr_part_add_int(part, "nacre.seed", frames->seed);
 }
 

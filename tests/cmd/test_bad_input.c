@@ -230,6 +230,8 @@ static void a_session_that_is_none_is_refused(void)
     REFUSES(FAILED, "absent", "develop", input("absent"), "-o", output("out.exr"));
     REFUSES(FAILED, folder, "develop", folder, "-o", output("out.exr"));
     REFUSES(FAILED, "scan.exr", "develop", input("scan.exr"), "-o", output("out.exr"));
+    REFUSES(FAILED, "scan.exr", "scan", output("session"), "--station", input("station.yaml"),
+            "--calibration", input("scan.exr"));
 }
 
 static void a_session_that_exists_is_not_overwritten(void)
@@ -298,6 +300,8 @@ static void options_that_do_not_go_together_are_wrong_usage(void)
 {
     REFUSES(WRONG_USAGE, "--plan", "scan", input("session"), "--resume", "--plan",
             input("plan.yaml"));
+    REFUSES(WRONG_USAGE, "--calibration", "scan", input("session"), "--resume", "--calibration",
+            input("session"));
     REFUSES(WRONG_USAGE, "--json", "simulate", input("sample.yaml"), "--explain", "--json", "-o",
             output("out.exr"));
 }

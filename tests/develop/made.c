@@ -245,9 +245,15 @@ static void measure(const struct made_station *station, const struct session *se
     size_t pixels = (size_t)station->camera_width * (size_t)station->camera_height;
     struct nacre_error error = {""};
     struct exposure exposures[16] = {0};
-    struct pattern_frames frames = {
-        pattern,        station->camera_width, station->camera_height,       station->bits,
-        station->bayer, session->plan.seed,    session->plan.exposure_count, exposures};
+    struct pattern_frames frames = {pattern,
+                                    station->camera_width,
+                                    station->camera_height,
+                                    station->bits,
+                                    station->bayer,
+                                    session->plan.seed,
+                                    session->plan.exposure_count,
+                                    exposures,
+                                    NULL};
     for (size_t e = 0; e < frames.count; e++) {
         exposures[e].exposure_ns = session_exposure_ns(session, e);
         exposures[e].raw = malloc(pixels * sizeof *exposures[e].raw);

@@ -1,4 +1,6 @@
-/* Tests of finding out whether the white layer truly lies on the sample. */
+/* Tests of finding out whether the white layer truly lies on the sample, and whether calibrations still hold. */
+#include "nacre/exr_file.h"
+#include "rig/calibration_reuse.h"
 #include "rig/layer_check.h"
 #include "rig/sequence.h"
 
@@ -51,6 +53,7 @@ static struct devices devices;
 static struct sequence_result result;
 static struct nacre_error error;
 static enum deed deeds[8];
+static struct session old; /* whose calibration is used; closed by tearDown */
 static int requests, doubts, noise;
 static char last_doubt[256];
 
@@ -99,6 +102,7 @@ static void take_down(void)
 {
     virtual_station_free(station);
     session_finish(&session);
+    session_finish(&old);
     stage_remove(&stage);
 }
 
@@ -128,7 +132,8 @@ static int scan(void)
 {
     const struct sequence_operator person = {
         .white_layer = lay, .layer_doubted = doubt, .exposure_ends = renew_noise};
-    const struct sequence_options options = {.check_layer = true};
+    const struct sequence_options options = {.check_layer = true,
+                                             .calibration = old.path ? &old : NULL};
     return sequence_run(&devices, &session, &person, &options, NULL, &result, &error);
 }
 
@@ -280,6 +285,133 @@ static void dark_frames_are_unclear(void)
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(last_doubt, "cannot be told"), last_doubt);
 }
 
+/* Measure a session, and begin another, NAME, that is to use its calibration, with `from` in the plan being `to`. */
+static void begin_second(const char *from, const char *to)
+{
+    char path[160];
+    char *plan = text_replace(stage_plan, from, to);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, scan(), error.text);
+    session_finish(&session);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, session_open(stage.session, &old, &error));
+    stage_write(&stage, "plan.yaml", plan);
+    free(plan);
+    (void)snprintf(path, sizeof path, "%s/second", stage.folder);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, session_create(path, stage.station, NULL, false, &session, &error), error.text);
+    requests = doubts = 0;
+}
+
+static void check_origin(struct pattern pattern)
+{
+    struct pattern_frames taken;
+    struct pattern_frames measured;
+    struct exr_file file;
+    char *path = session_pattern_path(&session, pattern);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, session_read(&session, pattern, &taken, &error),
+                                  error.text);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, session_read(&old, pattern, &measured, &error));
+    for (size_t i = 0; i < taken.count; i++) {
+        TEST_ASSERT_EQUAL_UINT16_ARRAY(measured.exposures[i].raw, taken.exposures[i].raw, 96 * 80);
+        TEST_ASSERT_EQUAL_INT64(measured.exposures[i].frame_ns, taken.exposures[i].frame_ns);
+    }
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, exr_file_read(path, &file, &error));
+    const struct exr_attribute *origin =
+        exr_part_find(&file.parts[0], "nacre.calibration", EXR_STRING);
+    TEST_ASSERT_NOT_NULL(origin);
+    TEST_ASSERT_EQUAL_STRING(stage.session, origin->string);
+    exr_file_finish(&file);
+    pattern_frames_finish(&taken);
+    pattern_frames_finish(&measured);
+    free(path);
+}
+
+static void calibration_is_used_again_where_nothing_moved(void)
+{
+    begin_second("seed: 3", "seed: 4");
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, scan(), error.text);
+    TEST_ASSERT_EQUAL_INT(STAGE_WHITE + STAGE_DOTS, result.taken_over);
+    TEST_ASSERT_EQUAL_INT(STAGE_BLACK + STAGE_GRIDS, result.patterns);
+    TEST_ASSERT_EQUAL_INT(2, requests);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(0, doubts, last_doubt);
+    TEST_ASSERT_TRUE(result.moved_px < 0.1);
+    TEST_ASSERT_EQUAL_INT64(0, result.times.rest_ns);
+    check_origin((struct pattern){PATTERN_WHITE, 0});
+    check_origin((struct pattern){PATTERN_DOTS, 3});
+}
+
+/* A new virtual station that is not quite the one of the session's file. */
+static void move_camera(double roll_deg)
+{
+    virtual_station_free(station);
+    session.station.simulated.camera.roll_deg = roll_deg;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, virtual_station_new(&session.station, &station, &error));
+    session.station.simulated.camera.roll_deg = 0;
+    devices = (struct devices){virtual_station_camera(station), virtual_station_projector(station),
+                               virtual_station_trigger(station), virtual_station_clock(station)};
+}
+
+/* Whoever insists that the layer lies there cannot talk this away. */
+static void calibration_is_refused_where_something_moved(void)
+{
+    begin_second("seed: 3", "seed: 4");
+    move_camera(1);
+    virtual_station_set_white_layer(station, true);
+    deeds[0] = INSIST;
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, scan());
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "its calibration does not hold any longer"),
+                                 error.text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "pixels from where they were"), error.text);
+    TEST_ASSERT_TRUE(result.moved_px > layer_moved_px && result.moved_px < 1.5);
+    TEST_ASSERT_EQUAL_INT(0, result.taken_over + result.patterns);
+}
+
+static void calibration_waits_for_the_layer(void)
+{
+    begin_second("seed: 3", "seed: 4");
+    deeds[0] = NOTHING;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, scan(), error.text);
+    TEST_ASSERT_EQUAL_INT(3, requests);
+    TEST_ASSERT_EQUAL_INT(1, doubts);
+    TEST_ASSERT_EQUAL_INT(STAGE_WHITE + STAGE_DOTS, result.taken_over);
+}
+
+static void calibration_of_other_dots_is_refused(void)
+{
+    begin_second("dot_spacing: 4", "dot_spacing: 5");
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, scan());
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "of another plan: dot_spacing differs"),
+                                 error.text);
+    TEST_ASSERT_EQUAL_INT(0, requests);
+}
+
+static void calibration_of_other_exposures_is_refused(void)
+{
+    begin_second("[1, 3]", "[1, 4]");
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, scan());
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "of another plan: exposure_turns differs"),
+                                 error.text);
+}
+
+static void calibration_of_another_station_is_refused(void)
+{
+    begin_second("seed: 3", "seed: 4");
+    session.station.sample.pitch_mm = 0.41;
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, calibration_fits(&old, &session, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "of another station: sample.pitch_mm differs"),
+                                 error.text);
+    session.station.sample.pitch_mm = 0.4;
+    session.station.camera.tolerance_ms = 1; /* has no part in it */
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, calibration_fits(&old, &session, &error), error.text);
+}
+
+static void calibration_that_is_not_complete_is_refused(void)
+{
+    begin_second("white_frames: 1", "white_frames: 2");
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, scan());
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "pattern white 1 was not measured"),
+                                 error.text);
+}
+
 /* A picture of dots, moved and of another gain, with noise. */
 enum { WIDTH = 120, HEIGHT = 100, PIXELS = WIDTH * HEIGHT };
 static uint16_t frames[3][PIXELS];
@@ -387,6 +519,13 @@ int main(void)
     RUN_TEST(moved_camera_is_noticed_on_resume);
     RUN_TEST(saturated_frames_are_told_apart_or_called_unclear);
     RUN_TEST(dark_frames_are_unclear);
+    RUN_TEST(calibration_is_used_again_where_nothing_moved);
+    RUN_TEST(calibration_is_refused_where_something_moved);
+    RUN_TEST(calibration_waits_for_the_layer);
+    RUN_TEST(calibration_of_other_dots_is_refused);
+    RUN_TEST(calibration_of_other_exposures_is_refused);
+    RUN_TEST(calibration_of_another_station_is_refused);
+    RUN_TEST(calibration_that_is_not_complete_is_refused);
     RUN_TEST(shift_is_found_to_a_quarter);
     RUN_TEST(gain_is_found_either_way);
     RUN_TEST(noise_is_taken_off);
