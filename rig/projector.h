@@ -17,6 +17,9 @@ struct projector_ops {
                 struct nacre_error *error);
     /* Blank the projector and free everything, the projector too. */
     void (*close)(struct projector *projector);
+    /* Whether what was shown last still is, as far as can be known; asked after a pattern's
+     * exposures. May be NULL. */
+    int (*confirm)(struct projector *projector, struct nacre_error *error);
 };
 
 /* A concrete projector embeds this as its first member. */

@@ -47,6 +47,11 @@ static int show(struct projector *base, const uint8_t *levels, int64_t *flip_ns,
     return status;
 }
 
+static int confirm(struct projector *base, struct nacre_error *error)
+{
+    return display_check(((struct egl_projector *)base)->display, error);
+}
+
 static void projector_close(struct projector *base)
 {
     struct egl_projector *projector = (struct egl_projector *)base;
@@ -83,7 +88,8 @@ static int blank(struct egl_projector *projector, struct nacre_error *error)
 int projector_egl_new(const struct projector_egl_settings *settings, struct clock *clock,
                       struct projector **projector, struct nacre_error *error)
 {
-    static const struct projector_ops ops = {.name = "egl", .show = show, .close = projector_close};
+    static const struct projector_ops ops = {
+        .name = "egl", .show = show, .confirm = confirm, .close = projector_close};
     const struct display_region *region = &settings->region;
     int status = NACRE_OK;
     struct egl_projector *made = calloc(1, sizeof *made);

@@ -105,6 +105,9 @@ static int measure(struct run *run, struct pattern pattern, struct nacre_error *
         frames.exposures[i].flip_ns = flip_ns;
         status = exposer_expose(&run->exposer, &frames.exposures[i], error);
     }
+    if (status == NACRE_OK && projector->ops->confirm) {
+        status = projector->ops->confirm(projector, error);
+    }
     if (status == NACRE_FAILED) {
         (void)nacre_fail_within(error, "pattern %s %d", pattern_kind_names[pattern.kind],
                                 pattern.number);

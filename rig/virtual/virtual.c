@@ -185,7 +185,8 @@ static void camera_close(struct camera *camera)
 static void connect(struct virtual_station *station)
 {
     static const struct camera_ops camera_ops = {"virtual", camera_arm, camera_take, camera_close};
-    static const struct projector_ops projector_ops = {"virtual", projector_show, projector_close};
+    static const struct projector_ops projector_ops = {
+        .name = "virtual", .show = projector_show, .close = projector_close};
     static const struct trigger_ops trigger_ops = {"virtual", trigger_fire, trigger_close};
     static const struct clock_ops clock_ops = {"virtual", clock_read, clock_advance};
     const struct station *settings = &station->settings;

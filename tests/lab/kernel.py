@@ -19,6 +19,38 @@ EXTRA = {
         'edits': {'irq_sim.c': [('handle_simple_irq(irq_to_desc(irqnum));', 'generic_handle_irq(irqnum);')]},
     },
     'vkms': {'files': ['drivers/gpu/drm/vkms'], 'config': 'CONFIG_DRM_VKMS=m'},
+    # Stock vkms has no properties that change colours: here it keeps them, but one, which it refuses to change.
+    'vkms-colour': {
+        'files': ['drivers/gpu/drm/vkms'],
+        'config': 'CONFIG_DRM_VKMS=m',
+        'edits': {
+            'Makefile': [('vkms-y', 'vkms-colour-y'), ('+= vkms.o', '+= vkms-colour.o')],
+            'vkms_crtc.c': [
+                ('\tdrm_crtc_helper_add(crtc, &vkms_crtc_helper_funcs);\n',
+                 '\tdrm_crtc_helper_add(crtc, &vkms_crtc_helper_funcs);\n\tdrm_mode_crtc_set_gamma_size(crtc, 256);\n'
+                 '\tdrm_crtc_enable_color_mgmt(crtc, 256, true, 256);\n')],
+            'vkms_output.c': [
+                ('static const struct drm_connector_funcs vkms_connector_funcs = {\n',
+                 'static const struct drm_prop_enum_list ranges[] = {{0, "Automatic"}, {1, "Full"}};\n'
+                 'static const struct drm_prop_enum_list ditherings[] = {{0, "off"}, {1, "on"}};\n'
+                 'static struct drm_property *range;\nstatic u64 range_value;\n\n'
+                 'static int get(struct drm_connector *connector, const struct drm_connector_state *state,\n'
+                 '\t       struct drm_property *property, u64 *value)\n'
+                 '{\n\t*value = property == range ? range_value : 1;\n\treturn 0;\n}\n\n'
+                 'static int set(struct drm_connector *connector, struct drm_connector_state *state,\n'
+                 '\t       struct drm_property *property, u64 value)\n'
+                 '{\n\tif (property != range)\n\t\treturn -EINVAL;\n\trange_value = value;\n\treturn 0;\n}\n\n'
+                 'static const struct drm_connector_funcs vkms_connector_funcs = {\n'
+                 '\t.atomic_get_property = get,\n\t.atomic_set_property = set,\n'),
+                ('\tdrm_connector_helper_add(connector, &vkms_conn_helper_funcs);\n',
+                 '\tdrm_connector_helper_add(connector, &vkms_conn_helper_funcs);\n'
+                 '\trange = drm_property_create_enum(dev, 0, "Broadcast RGB", ranges, 2);\n'
+                 '\tdrm_object_attach_property(&connector->base, range, 0);\n'
+                 '\tdrm_object_attach_property(&connector->base,\n'
+                 '\t\t\t\t   drm_property_create_enum(dev, 0, "dithering mode", ditherings, 2), 1);\n'),
+                ('\tdrm_mode_config_reset(dev);\n',
+                 '\tdrm_mode_config_reset(dev);\n\tdrm_connector_attach_max_bpc_property(connector, 6, 12);\n')]},
+    },
     # Stock vivid has no exposure: here it is a control, in 100 us, that makes the picture brighter.
     'vivid-exposure': {
         'files': ['drivers/media/test-drivers/vivid'],
@@ -107,7 +139,7 @@ def unpack_source(work, version):
     with subprocess.Popen(['dpkg-deb', '--fsys-tarfile', package], stdout=subprocess.PIPE) as outer, \
             subprocess.Popen(['tar', 'xO', f'./usr/src/{prefix}.tar.xz'], stdin=outer.stdout,
                              stdout=subprocess.PIPE) as inner:
-        call('tar', 'xJ', '-C', work, *members, stdin=inner.stdout)
+        call('tar', 'xJ', '-C', work, *dict.fromkeys(members), stdin=inner.stdout)
     return os.path.join(work, prefix)
 
 

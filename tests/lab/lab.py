@@ -63,11 +63,17 @@ def qemu(folder, work, display, memory, disk):
     return [program, '-machine', 'q35', '-accel', 'tcg,thread=multi', '-cpu', 'max', '-smp', '2', '-m', str(memory),
             '-nodefaults', '-no-reboot', '-no-user-config', '-display', 'none',
             *([] if display == 'none' else ['-device', display]),
-            '-kernel', f'{folder}/vmlinux', '-initrd', f'{work}/initramfs', '-append', KERNEL_LINE,
+            '-kernel', f'{folder}/vmlinux', '-initrd', f'{work}/initramfs',
+            # The kernel makes a variable of what it does not know: the folder for what the monitor writes.
+            '-append', f'{KERNEL_LINE} LAB_WORK={work}',
             '-serial', f'file:{work}/console', *make_disk(work, disk),
             '-chardev', 'stdio,id=output,signal=off', '-chardev', f'file,id=status,path={work}/status',
             '-device', 'virtio-serial', '-device', 'virtserialport,chardev=output,name=lab.output',
             '-device', 'virtserialport,chardev=status,name=lab.status',
+            # QEMU's monitor, which commands in the guest can speak to.
+            '-chardev', f'socket,id=monitor,path={work}/monitor,server=on,wait=off', '-mon', 'chardev=monitor',
+            '-chardev', f'socket,id=speaker,path={work}/monitor',
+            '-device', 'virtserialport,chardev=speaker,name=lab.monitor',
             '-fsdev', 'local,id=host,path=/,security_model=none,readonly=on,multidevs=remap',
             '-device', 'virtio-9p-pci,fsdev=host,mount_tag=host']
 
@@ -151,7 +157,7 @@ def parse():
     verb.add_argument('--timeout', type=float, default=800, help='seconds that the guest may run')
     verb.add_argument('--limit', type=float, default=150, help='seconds that one command may run')
     verb.add_argument('--memory', type=int, default=1024, help='MiB')
-    verb.add_argument('--display', default='none', help="the guest's graphics card, as QEMU calls it: bochs-display")
+    verb.add_argument('--display', default='bochs-display', help="the guest's graphics card, as QEMU calls it, or none")
     verb.add_argument('--disk', type=int, default=0, help='MiB of an empty disk, /dev/vda in the guest; 0: none')
     verb.add_argument('--cut', action='store_true',
                       help="boot for each command, as all but the last cut the guest's power (sysrq b)")

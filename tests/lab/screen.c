@@ -114,3 +114,109 @@ void screen_check(const uint32_t *pixels, int width, int height, const uint8_t *
         }
     }
 }
+
+void screen_dark(const struct screen *screen)
+{
+    bool done = false;
+    for (int file = 3; file < 64 && !done; file++) {
+        char link[32];
+        char target[64] = "";
+        (void)snprintf(link, sizeof link, "/proc/self/fd/%d", file);
+        done = readlink(link, target, sizeof target - 1) > 0 && strcmp(target, screen->path) == 0 &&
+               drmIsMaster(file);
+        if (done) {
+            drmModeRes *resources = drmModeGetResources(file);
+            TEST_ASSERT_NOT_NULL(resources);
+            TEST_ASSERT_EQUAL_INT(
+                0, drmModeSetCrtc(file, resources->crtcs[0], 0, 0, 0, NULL, 0, NULL));
+            drmModeFreeResources(resources);
+        }
+    }
+    TEST_ASSERT_TRUE_MESSAGE(done, "nobody here has the card");
+}
+
+/* A property, wherever it is. */
+struct place {
+    uint32_t object, type, property;
+    uint64_t value;
+};
+
+static bool find_in(int file, uint32_t object, uint32_t type, const char *name, struct place *place)
+{
+    bool found = false;
+    drmModeObjectProperties *all = drmModeObjectGetProperties(file, object, type);
+    for (uint32_t i = 0; all && i < all->count_props; i++) {
+        drmModePropertyRes *property = drmModeGetProperty(file, all->props[i]);
+        if (property && strcmp(property->name, name) == 0) {
+            *place = (struct place){object, type, property->prop_id, all->prop_values[i]};
+            found = true;
+        }
+        drmModeFreeProperty(property);
+    }
+    drmModeFreeObjectProperties(all);
+    return found;
+}
+
+static struct place find_property(int file, const char *name)
+{
+    struct place place = {0};
+    drmModeRes *resources = drmModeGetResources(file);
+    TEST_ASSERT_NOT_NULL(resources);
+    bool found = find_in(file, resources->crtcs[0], DRM_MODE_OBJECT_CRTC, name, &place) ||
+                 find_in(file, resources->connectors[0], DRM_MODE_OBJECT_CONNECTOR, name, &place);
+    drmModeFreeResources(resources);
+    TEST_ASSERT_TRUE_MESSAGE(found, name);
+    return place;
+}
+
+static int open_card(const struct screen *screen)
+{
+    int file = open(screen->path, O_RDWR | O_CLOEXEC);
+    TEST_ASSERT_TRUE_MESSAGE(file >= 0, screen->path);
+    return file;
+}
+
+uint64_t screen_get(const struct screen *screen, const char *name)
+{
+    int file = open_card(screen);
+    struct place place = find_property(file, name);
+    (void)close(file);
+    return place.value;
+}
+
+void screen_set(const struct screen *screen, const char *name, uint64_t value)
+{
+    int file = open_card(screen);
+    struct place place = find_property(file, name);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        0, drmModeObjectSetProperty(file, place.object, place.type, place.property, value), name);
+    (void)close(file);
+}
+
+void *screen_get_bytes(const struct screen *screen, const char *name, size_t *size)
+{
+    int file = open_card(screen);
+    struct place place = find_property(file, name);
+    drmModePropertyBlobRes *blob = drmModeGetPropertyBlob(file, (uint32_t)place.value);
+    void *bytes = NULL;
+    *size = blob ? blob->length : 0;
+    if (blob) {
+        bytes = malloc(blob->length);
+        TEST_ASSERT_NOT_NULL(bytes);
+        memcpy(bytes, blob->data, blob->length);
+    }
+    drmModeFreePropertyBlob(blob);
+    (void)close(file);
+    return bytes;
+}
+
+void screen_set_bytes(const struct screen *screen, const char *name, const void *bytes, size_t size)
+{
+    int file = open_card(screen);
+    struct place place = find_property(file, name);
+    uint32_t blob = 0;
+    TEST_ASSERT_EQUAL_INT(0, drmModeCreatePropertyBlob(file, bytes, size, &blob));
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        0, drmModeObjectSetProperty(file, place.object, place.type, place.property, blob), name);
+    (void)close(file);
+}

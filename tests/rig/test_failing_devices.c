@@ -24,6 +24,7 @@ struct failing_projector {
     struct projector base;
     struct projector *inner;
     int calls;
+    int patterns; /* that stay on the glass until they are asked for */
 };
 
 struct failing_trigger {
@@ -32,10 +33,10 @@ struct failing_trigger {
     int calls;
 };
 
-enum device { CAMERA, PROJECTOR, TRIGGER };
-static const char *const complaints[] = {"camera faulty: was unplugged",
-                                         "projector faulty: shows nothing",
-                                         "trigger faulty: its board is gone"};
+enum device { CAMERA, PROJECTOR, TRIGGER, LIGHT };
+static const char *const complaints[] = {
+    "camera faulty: was unplugged", "projector faulty: shows nothing",
+    "trigger faulty: its board is gone", "projector faulty: went dark"};
 enum { ENDLESS = 1 << 30 };
 
 /* Of the writer: patterns that wait in its queue, that are being written, and the one that is being measured. */
@@ -86,6 +87,12 @@ static int show(struct projector *projector, const uint8_t *levels, int64_t *fli
                             : nacre_fail(failure, "%s", complaints[PROJECTOR]);
 }
 
+static int confirm(struct projector *projector, struct nacre_error *failure)
+{
+    struct failing_projector *own = (struct failing_projector *)projector;
+    return own->patterns-- > 0 ? NACRE_OK : nacre_fail(failure, "%s", complaints[LIGHT]);
+}
+
 static int fire(struct trigger *trigger, int64_t exposure_ns, int64_t *trigger_ns,
                 struct nacre_error *failure)
 {
@@ -98,7 +105,8 @@ static int fire(struct trigger *trigger, int64_t exposure_ns, int64_t *trigger_n
 static int scan(enum device device, int calls, int retries, const struct sequence_operator *person)
 {
     static const struct camera_ops camera_ops = {.name = "faulty", .arm = arm, .take = take};
-    static const struct projector_ops projector_ops = {.name = "faulty", .show = show};
+    static const struct projector_ops projector_ops = {
+        .name = "faulty", .show = show, .confirm = confirm};
     static const struct trigger_ops trigger_ops = {.name = "faulty", .fire = fire};
     const struct sequence_options options = {.retries = retries, .tolerance_ns = 2000000};
     struct virtual_station *station = NULL;
@@ -107,9 +115,9 @@ static int scan(enum device device, int calls, int retries, const struct sequenc
     struct failing_camera camera = {*virtual_station_camera(station),
                                     virtual_station_camera(station),
                                     device == CAMERA ? calls : ENDLESS};
-    struct failing_projector projector = {*virtual_station_projector(station),
-                                          virtual_station_projector(station),
-                                          device == PROJECTOR ? calls : ENDLESS};
+    struct failing_projector projector = {
+        *virtual_station_projector(station), virtual_station_projector(station),
+        device == PROJECTOR ? calls : ENDLESS, device == LIGHT ? calls : ENDLESS};
     struct failing_trigger trigger = {*virtual_station_trigger(station),
                                       virtual_station_trigger(station),
                                       device == TRIGGER ? calls : ENDLESS};
@@ -203,6 +211,17 @@ static uint64_t undisturbed(void)
     tearDown();
     setUp();
     return hash;
+}
+
+/* What was exposed while the projector went dark is not kept. */
+static void pattern_that_did_not_stay_on_the_glass_is_not_kept(void)
+{
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, scan(LIGHT, 3, 2, &person));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, complaints[LIGHT]), error.text);
+    TEST_ASSERT_EQUAL_INT(3, count_patterns());
+    resume();
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, scan(LIGHT, ENDLESS, 0, &person), error.text);
+    TEST_ASSERT_EQUAL_INT(STAGE_PATTERNS - 3, result.patterns);
 }
 
 /* The device fails at its first call, then later and later in the scan, until a scan comes to its end: each run goes on
@@ -320,6 +339,7 @@ static void kill_at_a_real_pace_costs_the_pattern_in_work(void)
 int main(void)
 {
     UNITY_BEGIN();
+    RUN_TEST(pattern_that_did_not_stay_on_the_glass_is_not_kept);
     RUN_TEST(camera_that_comes_back_loses_nothing);
     RUN_TEST(projector_that_comes_back_loses_nothing);
     RUN_TEST(trigger_that_comes_back_loses_nothing);
