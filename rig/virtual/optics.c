@@ -273,7 +273,7 @@ static int fill_matrix(const struct view *view, struct effects *effects, const d
     }
     effects->work[EFFECT_DISTORTION] +=
         effects_has(effects, EFFECT_DISTORTION) ? optics->pixel_count : 0;
-    effects->work[EFFECT_CAMERA_DEFOCUS] += effects_has(effects, EFFECT_CAMERA_DEFOCUS) ? used : 0;
+    effects->work[EFFECT_CAMERA_DEFOCUS] += effects_has(effects, EFFECT_CAMERA_DEFOCUS) ? optics->pixel_count : 0;
     return NACRE_OK;
 }
 

@@ -42,8 +42,9 @@ int spread_init(double diameter_points, struct spread *spread, struct nacre_erro
     for (size_t i = 0; i < side * side; i++) {
         total += sums[i];
     }
+    /* Places on the very edge of two points were counted for one of them: make both sides alike. */
     for (size_t i = 0; i < side * side; i++) {
-        spread->weights[i] = (float)(sums[i] / total);
+        spread->weights[i] = (float)(0.5 * (sums[i] + sums[side * side - 1 - i]) / total);
     }
 out:
     free(sums);
