@@ -34,6 +34,9 @@ void assemble_known(const struct responses *r, int channel, bool outgoing, uint8
     }
 }
 
+/* The largest half float is just below 2^16; one binade is left to rounding. */
+enum { HALF_EXPONENT = 15 };
+
 static float largest_of(const float *values, size_t count)
 {
     float largest = 0;
@@ -58,9 +61,23 @@ static void balance(float *f, float *h, size_t count)
     }
 }
 
-/* One channel's factors into the material's planes. work: 2 x [terms][height][width] floats; known: [height][width]. */
+/* Where kernels are far below the responses they stand for, factors may pass what half floats hold: a power of two is then
+ * the kernels' to carry, whose exponent is returned. */
+static int relieve(float *values, size_t count)
+{
+    int exponent = 0;
+    (void)frexpf(largest_of(values, count), &exponent);
+    int excess = exponent - HALF_EXPONENT;
+    for (size_t i = 0; i < count && excess > 0; i++) {
+        values[i] = ldexpf(values[i], -excess);
+    }
+    return excess > 0 ? excess : 0;
+}
+
+/* One channel's factors into the material's planes. work: 2 x [terms][height][width] floats; known: [height][width].
+ * Kernels are to be multiplied by 2^*exponent. */
 static int assemble_factors(const struct problem *p, const struct factors *factors, int channel,
-                            struct nacre_material *m, float *work, uint8_t *known,
+                            struct nacre_material *m, float *work, uint8_t *known, int *exponent,
                             struct nacre_error *error)
 {
     const struct responses *r = p->responses;
@@ -72,6 +89,7 @@ static int assemble_factors(const struct problem *p, const struct factors *facto
     for (size_t t = 0; t < (size_t)p->terms && status == NACRE_OK; t++) {
         balance(f + t * plane, h + t * plane, plane);
     }
+    *exponent = relieve(f, count) + relieve(h, count);
     if (status == NACRE_OK && r->mask_needed) {
         assemble_known(r, channel, false, known);
         status = fill_planes(r->width, r->height, known, p->ids, f, (size_t)p->terms, plane, error);
@@ -108,20 +126,22 @@ int assemble_material(const struct problem *p, const struct factors *factors,
     size_t area = (size_t)r->window * (size_t)r->window;
     float *work = malloc(2 * plane * (size_t)p->terms * sizeof *work);
     uint8_t *known = malloc(plane);
+    int exponents[RESPONSES_CHANNELS] = {0};
     int status = NACRE_OK;
     if (!work || !known) {
         status = nacre_fail_memory(error, "the factors");
         goto out;
     }
     for (int c = 0; c < r->channels && status == NACRE_OK; c++) {
-        status = assemble_factors(p, factors, c, m, work, known, error);
+        status = assemble_factors(p, factors, c, m, work, known, &exponents[c], error);
         assemble_albedo(r, c, m->albedo + (size_t)c * plane);
     }
     /* The kernels carry the responses' scale, as they are always stored as floats. */
     for (size_t i = 0; i < (size_t)p->clusters * (size_t)r->channels; i++) {
+        size_t c = i % (size_t)r->channels;
         for (size_t j = 0; j < area; j++) {
             m->kernels[i * area + j] =
-                ldexpf(p->kernels[i * area + j], r->exponent[i % (size_t)r->channels]);
+                ldexpf(p->kernels[i * area + j], r->exponent[c] + exponents[c]);
         }
     }
     for (size_t i = 0; i < plane; i++) {
