@@ -15,12 +15,13 @@
 
 struct factor_settings {
     const char *output, *checkpoint;
-    int method, terms, clusters, iterations, kernel, store, responses, seed;
+    int method, weight, terms, clusters, iterations, kernel, store, responses, seed;
     double tolerance, error, within, epsilon, regularise, checkpoint_every;
     bool explain;
 };
 
 static const char *const method_words[] = {"hals", "mu", NULL};           /* enum factor_method */
+static const char *const weight_words[] = {"kernel", "response", NULL};   /* enum factor_weight */
 static const char *const kernel_words[] = {"average", "max", NULL};       /* enum kernels_kind */
 static const char *const store_words[] = {"auto", "float", "half", NULL}; /* enum factor_store */
 
@@ -105,6 +106,14 @@ static const struct option_spec factor_options[] = {
      .fallback = "average",
      .offset = offsetof(struct factor_settings, kernel),
      .sentence = "what a cluster's kernel is: its average or its largest response"},
+    {.name = "weight",
+     .kind = OPTION_CHOICE,
+     .words = weight_words,
+     .fallback = "kernel",
+     .offset = offsetof(struct factor_settings, weight),
+     .sentence = "what errors are weighted by: the kernel, as in the paper, or the response's "
+                 "norm, for the "
+                 "least relative errors"},
     {.name = "epsilon",
      .kind = OPTION_REAL,
      .argument = "E",
@@ -282,6 +291,7 @@ static void keep_line(void *data, const char *key, const char *text)
 static struct factor_options to_options(const struct factor_settings *s)
 {
     return (struct factor_options){.method = (enum factor_method)s->method,
+                                   .weight = (enum factor_weight)s->weight,
                                    .terms = s->terms,
                                    .clusters = s->clusters,
                                    .iterations = s->iterations,

@@ -4,6 +4,7 @@
 #include "factor/hals.h"
 #include "factor/random.h"
 #include "factor/update.h"
+#include "factor/weight.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -26,16 +27,24 @@ static bool is_searching(const struct conductor *c)
     return c->search.terms == 0 || c->search.clusters == 0;
 }
 
+static int make_method(void *data, const struct problem *problem, struct method **method,
+                       struct nacre_error *error)
+{
+    const struct conductor *c = data;
+    const struct factor_options *o = c->options;
+    if (o->maker) {
+        return o->maker->make(o->maker->data, problem, method, error);
+    }
+    return o->method == FACTOR_METHOD_MU ? update_new(c->opencl, problem, NULL, method, error)
+                                         : hals_new(c->opencl, problem, NULL, method, error);
+}
+
 int conductor_make_method(struct conductor *c, struct nacre_error *error)
 {
-    const struct factor_options *o = c->options;
     struct attempt *a = &c->now;
-    if (o->maker) {
-        return o->maker->make(o->maker->data, &a->problem, &a->method, error);
-    }
-    return o->method == FACTOR_METHOD_MU
-               ? update_new(c->opencl, &a->problem, NULL, &a->method, error)
-               : hals_new(c->opencl, &a->problem, NULL, &a->method, error);
+    return c->options->weight == FACTOR_WEIGHT_RESPONSE
+               ? weight_new(&a->problem, make_method, c, &a->method, error)
+               : make_method(c, &a->problem, &a->method, error);
 }
 
 /* An iteration's arithmetic, up to a factor: hals has T^2 / 2 products of few entries beside what grows with T. */

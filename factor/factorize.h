@@ -25,6 +25,12 @@ enum factor_method {
     FACTOR_METHOD_MU,   /* the paper's: factor/update.h */
 };
 
+/* What the objective weighs errors by: W of section 5.3. */
+enum factor_weight {
+    FACTOR_WEIGHT_KERNEL,   /* the paper's 1 / sqrt(g) */
+    FACTOR_WEIGHT_RESPONSE, /* 1 / ||R_i||: relative errors; factor/weight.h */
+};
+
 /* Another maker of methods than those that `method` names, as tests have it. */
 struct method_maker {
     int (*make)(void *data, const struct problem *problem, struct method **method,
@@ -36,6 +42,7 @@ struct method_maker {
  * they are 12, 5 and 200. */
 struct factor_options {
     enum factor_method method;
+    enum factor_weight weight;
     int terms, clusters, iterations;
     enum kernels_kind kernel;
     double

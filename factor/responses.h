@@ -56,6 +56,9 @@ struct responses {
 /* Bytes that responses of this size will take, or SIZE_MAX where that is no number. */
 size_t responses_bytes(const struct nacre_scan_info *info, int lanes, bool half);
 
+/* Bytes that the kernel says programs may still take; SIZE_MAX where it does not say. */
+size_t responses_free_bytes(void);
+
 /* Make room for responses, none of them measured yet. Belongs to the caller, who calls responses_finish. */
 int responses_begin(struct responses *responses, const struct nacre_scan_info *info, int lanes,
                     bool half, struct nacre_error *error);

@@ -6,8 +6,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Bytes that the kernel says programs may still take; SIZE_MAX where it does not say. */
-static size_t available_bytes(void)
+size_t responses_free_bytes(void)
 {
     size_t kibibytes = SIZE_MAX / 1024;
     char line[128];
@@ -69,7 +68,7 @@ static int choose_store(const struct nacre_scan *scan, int lanes, enum responses
                         bool *half, struct nacre_error *error)
 {
     const struct nacre_scan_info *info = nacre_scan_info(scan);
-    size_t available = available_bytes();
+    size_t available = responses_free_bytes();
     *half = store == RESPONSES_HALF || (store == RESPONSES_AUTO && info->pixel == NACRE_HALF);
     size_t needed = responses_bytes(info, lanes, *half);
     if (needed <= available) {

@@ -64,7 +64,8 @@ static void describe_count(char *text, size_t size, int count)
 static char *identify(const struct conductor *c)
 {
     static const char *const methods[] = {"hals", "mu"}, *const kernels[] = {"average", "max"},
-                             *const stores[] = {"auto", "float", "half"};
+                             *const stores[] = {"auto", "float", "half"},
+                             *const weights[] = {"kernel", "response"};
     const struct factor_options *o = c->options;
     const struct responses *r = c->responses;
     char *text = NULL, terms[16], clusters[16], iterations[16];
@@ -79,11 +80,12 @@ static char *identify(const struct conductor *c)
         &text,
         "scan: %d x %d points, window %d, %d channels, pitch %.9g mm, contents %016llx\n"
         "device: %s, %d lanes, responses as %s\n"
-        "method: %s\nterms: %s\nclusters: %s\niterations: %s\ntolerance: %.9g\nerror: %.9g\n"
+        "method: %s\nweight: %s\nterms: %s\nclusters: %s\niterations: %s\ntolerance: %.9g\nerror: "
+        "%.9g\n"
         "within: %.9g s\nkernel: %s\nepsilon: %.9g\nregularise: %.9g\nstore: %s\nseed: %d\n",
         r->width, r->height, r->window, r->channels, c->pitch_mm, contents, c->opencl->name,
-        r->lanes, r->half ? "half floats" : "floats", methods[o->method], terms, clusters,
-        iterations, o->tolerance, o->error, o->seconds, kernels[o->kernel], o->epsilon,
+        r->lanes, r->half ? "half floats" : "floats", methods[o->method], weights[o->weight], terms,
+        clusters, iterations, o->tolerance, o->error, o->seconds, kernels[o->kernel], o->epsilon,
         o->regularise, stores[o->store], o->seed);
     return written < 0 ? NULL : text;
 }

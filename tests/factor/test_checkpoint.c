@@ -252,14 +252,15 @@ static void check_resumes(const struct sample *sample, struct factor_options *op
     outcome_finish(&whole);
 }
 
-static void runs_of_both_methods_continue_bit_for_bit(void)
+static void runs_of_both_methods_and_weights_continue_bit_for_bit(void)
 {
     struct sample sample = sample_new(WIDTH, HEIGHT, 3, WINDOW, 3);
     sample_punch_holes(&sample);
-    for (int method = 0; method < 2; method++) {
+    for (int i = 0; i < 4; i++) {
         struct keeping keeping = {.moments = {1, 2, 7, 24}};
         struct paced paced;
-        struct factor_options options = simple(&paced, (enum factor_method)method);
+        struct factor_options options = simple(&paced, (enum factor_method)(i % 2));
+        options.weight = (enum factor_weight)(i / 2);
         (void)unlink(path);
         check_resumes(&sample, &options, &paced, &keeping, 4);
         TEST_ASSERT_EQUAL_INT(1, paced.iterations); /* the last only had the 24th to do */
@@ -424,7 +425,7 @@ int main(void)
     RUN_TEST(a_damaged_file_is_refused);
     RUN_TEST(a_file_cut_short_or_too_long_is_refused);
     RUN_TEST(another_run_is_refused_by_what_differs);
-    RUN_TEST(runs_of_both_methods_continue_bit_for_bit);
+    RUN_TEST(runs_of_both_methods_and_weights_continue_bit_for_bit);
     RUN_TEST(a_search_continues_bit_for_bit);
     RUN_TEST(a_run_that_is_stopped_writes_its_state_and_the_best_so_far);
     RUN_TEST(checkpoints_come_when_their_time_has_passed);

@@ -8,6 +8,7 @@
 #include "factor/hals.h"
 #include "factor/layout.h"
 #include "factor/update.h"
+#include "factor/weight.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -22,8 +23,8 @@ struct stage {
     struct bench bench; /* a view of the above */
 };
 
-/* Responses are at most 1 here: objectives below this are squares of what floats do not hold. */
-#define UNSEEN 1e-40
+/* Responses are at most 1 here: objectives below this are squares of what is nothing beside it. */
+#define UNSEEN 1e-24
 
 double hard_noise(void)
 {
@@ -56,14 +57,70 @@ static void open_stage(struct stage *s, const struct sample *sample, const struc
                               .h = malloc(count * sizeof(float))};
 }
 
-static void make_method(struct stage *s, const struct opencl *opencl, enum factor_method method)
+struct maker {
+    const struct opencl *opencl;
+    enum factor_method method;
+};
+
+static int make(void *data, const struct problem *problem, struct method **method,
+                struct nacre_error *error)
+{
+    const struct maker *maker = data;
+    return maker->method == FACTOR_METHOD_MU
+               ? update_new(maker->opencl, problem, NULL, method, error)
+               : hals_new(maker->opencl, problem, NULL, method, error);
+}
+
+static void make_method(struct stage *s, const struct opencl *opencl, struct hard_how how)
 {
     struct nacre_error error = {0};
+    struct maker maker = {opencl, how.method};
     struct method **made = &s->bench.method;
-    bench_succeed(method == FACTOR_METHOD_MU
-                      ? update_new(opencl, &s->attempt.problem, NULL, made, &error)
-                      : hals_new(opencl, &s->attempt.problem, NULL, made, &error),
+    bench_succeed(how.weight == FACTOR_WEIGHT_RESPONSE
+                      ? weight_new(&s->attempt.problem, make, &maker, made, &error)
+                      : make(&maker, &s->attempt.problem, made, &error),
                   &error);
+}
+
+/* The problem of the weight 1 / ||R_i|| put as one of the weight 1 / sqrt(g), as factor/weight.h has it, in double. */
+static void weigh(struct reference *r)
+{
+    size_t area = (size_t)r->window * (size_t)r->window;
+    size_t points = (size_t)r->width * (size_t)r->height;
+    for (size_t i = 0; i < points; i++) {
+        double *response = r->responses + i * area;
+        const double *kernel = r->kernels + (size_t)r->ids[i] * area;
+        double squares = 0;
+        for (size_t j = 0; j < area; j++) {
+            squares += isnan(response[j]) ? 0 : response[j] * response[j];
+        }
+        double share = squares > 0 ? 1 / sqrt(squares) : 0;
+        for (size_t j = 0; j < area; j++) {
+            response[j] *= share * kernel[j];
+        }
+        for (size_t t = 0; t < (size_t)r->terms; t++) {
+            r->f[t * points + i] *= share;
+        }
+    }
+}
+
+static void square(double *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        values[i] *= values[i];
+    }
+}
+
+/* The problem with the factors read last. */
+static struct reference reference_of(const struct bench *b, int channel, struct hard_how how)
+{
+    struct reference reference = bench_reference(b, channel);
+    if (how.weight == FACTOR_WEIGHT_RESPONSE) {
+        weigh(&reference);
+        square(reference.kernels,
+               (size_t)b->problem.clusters * (size_t)reference.window * (size_t)reference.window);
+    }
+    return reference;
 }
 
 static void close_stage(struct stage *s)
@@ -81,8 +138,8 @@ static int every(int steps)
     return steps > 100 ? steps / 100 : 1;
 }
 
-static void watch(struct hard_figures *figures, const struct bench *b, int channel, double *before,
-                  double energy)
+static void watch(struct hard_figures *figures, const struct bench *b, int channel,
+                  struct hard_how how, double *before, double energy)
 {
     struct nacre_error error = {0};
     struct bench copy = *b;
@@ -93,7 +150,10 @@ static void watch(struct hard_figures *figures, const struct bench *b, int chann
         figures->positive = figures->positive && b->f[i] >= 0 && b->h[i] >= 0;
     }
     bench_succeed(b->method->ops->measure(b->method, channel, &told, &error), &error);
-    struct reference now = bench_reference(b, channel);
+    if (how.weight == FACTOR_WEIGHT_RESPONSE) {
+        told = ldexp(told, b->responses.exponent[channel]); /* relative errors have no unit */
+    }
+    struct reference now = reference_of(b, channel, how);
     double objective = reference_objective(&now), noise = hard_noise() * energy;
     figures->finite = figures->finite && isfinite(told) && isfinite(objective);
     if (objective > *before + noise) {
@@ -116,13 +176,13 @@ static double energy_of(struct reference reference, size_t count)
     return energy;
 }
 
-static void run_channel(struct stage *s, const struct hard_case *hard, enum factor_method method,
+static void run_channel(struct stage *s, const struct hard_case *hard, struct hard_how how,
                         int channel, struct hard_figures *figures)
 {
     struct nacre_error error = {0};
     int steps = hard_steps(hard);
     bench_read(&s->bench, channel);
-    struct reference exact = bench_reference(&s->bench, channel);
+    struct reference exact = reference_of(&s->bench, channel, how);
     double energy = energy_of(exact, s->bench.count);
     double before = reference_objective(&exact);
     for (int i = 0; i < steps; i++) {
@@ -130,10 +190,10 @@ static void run_channel(struct stage *s, const struct hard_case *hard, enum fact
         bench_succeed(s->bench.method->ops->step(s->bench.method, channel, &objective, &error),
                       &error);
         if (i % every(steps) == every(steps) - 1) {
-            watch(figures, &s->bench, channel, &before, energy);
+            watch(figures, &s->bench, channel, how, &before, energy);
         }
     }
-    if (method == FACTOR_METHOD_MU) {
+    if (how.method == FACTOR_METHOD_MU) {
         double_run_mu(&exact, steps);
     } else {
         figures->refusals += double_run_hals(&exact, steps);
@@ -145,15 +205,15 @@ static void run_channel(struct stage *s, const struct hard_case *hard, enum fact
 }
 
 struct hard_figures hard_run(const struct hard_case *hard, const struct opencl *opencl,
-                             enum factor_method method, bool half)
+                             struct hard_how how)
 {
     struct hard_figures figures = {.finite = true, .positive = true};
     struct sample sample = hard_sample(hard);
     struct stage stage = {0};
-    open_stage(&stage, &sample, hard, opencl, half);
-    make_method(&stage, opencl, method);
+    open_stage(&stage, &sample, hard, opencl, how.half);
+    make_method(&stage, opencl, how);
     for (int c = 0; c < hard->channels; c++) {
-        run_channel(&stage, hard, method, c, &figures);
+        run_channel(&stage, hard, how, c, &figures);
     }
     close_stage(&stage);
     sample_finish(&sample);
@@ -180,14 +240,14 @@ static size_t dirty_masked(struct responses *r)
 }
 
 float *hard_factors(const struct sample *sample, const struct hard_case *hard,
-                    const struct opencl *opencl, enum factor_method method, bool dirty,
-                    size_t *count, size_t *changed)
+                    const struct opencl *opencl, struct hard_how how, bool dirty, size_t *count,
+                    size_t *changed)
 {
     struct nacre_error error = {0};
     struct stage stage = {0};
     open_stage(&stage, sample, hard, opencl, false);
     *changed = dirty ? dirty_masked(&stage.responses) : 0;
-    make_method(&stage, opencl, method);
+    make_method(&stage, opencl, how);
     for (int i = 0; i < hard_steps(hard); i++) {
         double objective = 0;
         bench_succeed(stage.bench.method->ops->step(stage.bench.method, 0, &objective, &error),
@@ -217,13 +277,15 @@ static void pass_through_file(struct nacre_material *material)
 }
 
 void hard_material(const struct sample *sample, const struct hard_case *hard,
-                   const struct opencl *opencl, enum factor_method method, enum factor_store store,
+                   const struct opencl *opencl, struct hard_how how, enum factor_store store,
                    struct nacre_material *material, struct factor_summary *summary)
 {
     struct factor_options options = factor_options_default();
-    struct responses responses = sample_load(sample, layout_lanes(opencl));
+    struct responses responses = how.half ? sample_load_half(sample, layout_lanes(opencl))
+                                          : sample_load(sample, layout_lanes(opencl));
     struct nacre_error error = {0};
-    options.method = method;
+    options.method = how.method;
+    options.weight = how.weight;
     options.terms = hard->terms;
     options.clusters = hard->clusters;
     options.iterations = hard_steps(hard);

@@ -25,20 +25,25 @@ struct hard_figures {
 double hard_noise(void);
 
 /* Clusters, kernels and so many steps of the method, with responses held as floats or half floats; the same in double
- * precision. Ends the test where anything fails. */
+ * precision. Ends the test where anything fails. With FACTOR_WEIGHT_RESPONSE cases of one channel alone. */
+struct hard_how {
+    enum factor_method method;
+    enum factor_weight weight;
+    bool half;
+};
 struct hard_figures hard_run(const struct hard_case *hard, const struct opencl *opencl,
-                             enum factor_method method, bool half);
+                             struct hard_how how);
 
 /* F and H of channel 0 after the steps, one behind the other, in memory that the caller frees: float[*count]. With
  * `dirty` garbage lies behind the mask; *changed entries of it. */
 float *hard_factors(const struct sample *sample, const struct hard_case *hard,
-                    const struct opencl *opencl, enum factor_method method, bool dirty,
-                    size_t *count, size_t *changed);
+                    const struct opencl *opencl, struct hard_how how, bool dirty, size_t *count,
+                    size_t *changed);
 
 /* The whole way from responses to a material as read back from its file, whose error summary->error holds. The caller
  * finishes both. */
 void hard_material(const struct sample *sample, const struct hard_case *hard,
-                   const struct opencl *opencl, enum factor_method method, enum factor_store store,
+                   const struct opencl *opencl, struct hard_how how, enum factor_store store,
                    struct nacre_material *material, struct factor_summary *summary);
 
 #endif

@@ -64,7 +64,8 @@ static double error_of(const struct hard_case *hard, enum factor_method method)
     struct sample sample = hard_sample(hard);
     struct nacre_material material = {0};
     struct factor_summary summary = {0};
-    hard_material(&sample, hard, &opencl, method, FACTOR_STORE_HALF, &material, &summary);
+    hard_material(&sample, hard, &opencl, (struct hard_how){.method = method}, FACTOR_STORE_HALF,
+                  &material, &summary);
     double mean = summary.error.whole.mean;
     factor_summary_finish(&summary);
     nacre_material_finish(&material);
@@ -85,8 +86,10 @@ static void print_case(const struct hard_case *hard)
 {
     struct hard_figures of[2];
     for (int m = 0; m < 2; m++) {
-        of[m] = worse(hard_run(hard, &opencl, m ? FACTOR_METHOD_MU : FACTOR_METHOD_HALS, false),
-                      hard_run(hard, &opencl, m ? FACTOR_METHOD_MU : FACTOR_METHOD_HALS, true));
+        struct hard_how how = {.method = m ? FACTOR_METHOD_MU : FACTOR_METHOD_HALS};
+        struct hard_figures floats = hard_run(hard, &opencl, how);
+        how.half = true;
+        of[m] = worse(floats, hard_run(hard, &opencl, how));
     }
     printf("| %s | %s |", hard->name, hard->what);
     printf(" %.1g / %.1g |", of[0].rise, of[1].rise);

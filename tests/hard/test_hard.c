@@ -11,7 +11,7 @@
 
 static struct opencl opencl;
 static const struct hard_case *current;
-static enum factor_method method;
+static struct hard_how how;
 
 void setUp(void)
 {
@@ -27,13 +27,14 @@ void tearDown(void)
 static void check_figures(const struct hard_figures *f)
 {
     double noise = hard_noise() * f->energy + 1e-30;
-    double allowed = (method == FACTOR_METHOD_MU ? 1e-4 : 1e-3) * f->reference + noise;
+    double allowed = (how.method == FACTOR_METHOD_MU ? 1e-4 : 1e-3) * f->reference + noise;
     TEST_ASSERT_TRUE_MESSAGE(f->finite, "a factor or the objective is not finite");
     TEST_ASSERT_TRUE_MESSAGE(f->positive, "a factor is negative");
     TEST_ASSERT_TRUE_MESSAGE(f->rise <= 1e-6, "the objective rose");
     TEST_ASSERT_TRUE_MESSAGE(f->device <= 1, "the device misjudges its objective");
     TEST_ASSERT_TRUE_MESSAGE(f->objective <= f->reference + allowed, "worse than in double");
-    TEST_ASSERT_TRUE_MESSAGE(method == FACTOR_METHOD_HALS || f->objective >= f->reference - allowed,
+    TEST_ASSERT_TRUE_MESSAGE(how.method == FACTOR_METHOD_HALS ||
+                                 f->objective >= f->reference - allowed,
                              "other than in double");
 }
 
@@ -44,7 +45,7 @@ static void check_material(void)
     struct sample sample = hard_sample(current);
     struct nacre_material m = {0};
     struct factor_summary summary = {0};
-    hard_material(&sample, current, &opencl, method, FACTOR_STORE_HALF, &m, &summary);
+    hard_material(&sample, current, &opencl, how, FACTOR_STORE_HALF, &m, &summary);
     size_t points = (size_t)m.width * (size_t)m.height,
            planes = (size_t)m.terms * (size_t)m.channels;
     size_t kernels = (size_t)nacre_material_kernel_count(&m) * (size_t)m.channels *
@@ -67,24 +68,38 @@ static void check_material(void)
 
 static void a_hard_case_stays_stable(void)
 {
-    struct hard_figures floats = hard_run(current, &opencl, method, false);
+    how.half = false;
+    struct hard_figures floats = hard_run(current, &opencl, how);
     check_figures(&floats);
-    struct hard_figures halves = hard_run(current, &opencl, method, true);
+    how.half = true;
+    struct hard_figures halves = hard_run(current, &opencl, how);
     check_figures(&halves);
+    how.half = false;
     check_material();
+}
+
+static void run_case(const struct hard_case *hard, char name[80])
+{
+    current = hard;
+    (void)snprintf(name, 80, "%s by %s stays stable%s", hard->name,
+                   how.method == FACTOR_METHOD_MU ? "mu" : "hals",
+                   how.weight == FACTOR_WEIGHT_RESPONSE ? " with relative errors" : "");
+    UnityDefaultTestRun(a_hard_case_stays_stable, name, __LINE__);
 }
 
 static void run_cases(void)
 {
-    static char names[64][64];
+    static char names[160][80];
+    size_t count = 0;
     for (size_t i = 0; i < hard_case_count; i++) {
-        for (int m = 0; m < 2; m++) {
-            char *name = names[2 * i + (size_t)m];
-            current = &hard_cases[i];
-            method = m ? FACTOR_METHOD_MU : FACTOR_METHOD_HALS;
-            (void)snprintf(name, sizeof names[0], "%s by %s stays stable", current->name,
-                           m ? "mu" : "hals");
-            UnityDefaultTestRun(a_hard_case_stays_stable, name, __LINE__);
+        for (int m = 0; m < 4; m++) {
+            how.method = m % 2 ? FACTOR_METHOD_MU : FACTOR_METHOD_HALS;
+            how.weight = m / 2 ? FACTOR_WEIGHT_RESPONSE : FACTOR_WEIGHT_KERNEL;
+            /* Relative errors are of all channels together, which the check in double precision is not. */
+            if (how.weight == FACTOR_WEIGHT_KERNEL ||
+                (hard_cases[i].channels == 1 && hard_steps(&hard_cases[i]) <= 100)) {
+                run_case(&hard_cases[i], names[count++]);
+            }
         }
     }
 }
@@ -104,8 +119,8 @@ static void assert_same_bits(const struct hard_case *hard, bool dirty)
 {
     struct sample sample = hard_sample(hard);
     size_t count = 0, clean = 0, changed = 0;
-    float *first = hard_factors(&sample, hard, &opencl, method, false, &count, &clean);
-    float *second = hard_factors(&sample, hard, &opencl, method, dirty, &count, &changed);
+    float *first = hard_factors(&sample, hard, &opencl, how, false, &count, &clean);
+    float *second = hard_factors(&sample, hard, &opencl, how, dirty, &count, &changed);
     TEST_ASSERT_TRUE(!dirty || changed > 0);
     TEST_ASSERT_EQUAL_MEMORY(first, second, count * sizeof *first);
     free(first);
@@ -116,7 +131,7 @@ static void assert_same_bits(const struct hard_case *hard, bool dirty)
 static void the_same_seed_gives_the_same_bits(void)
 {
     for (int m = 0; m < 2; m++) {
-        method = m ? FACTOR_METHOD_MU : FACTOR_METHOD_HALS;
+        how = (struct hard_how){.method = m ? FACTOR_METHOD_MU : FACTOR_METHOD_HALS};
         for (size_t i = 0; i < hard_case_count; i++) {
             if (hard_steps(&hard_cases[i]) <= 100) {
                 assert_same_bits(&hard_cases[i], false);
@@ -130,7 +145,7 @@ static void what_stands_behind_the_mask_influences_nothing(void)
     static const char *const names[] = {"entries missing", "responses missing", "row missing",
                                         "infinite entries"};
     for (int m = 0; m < 2; m++) {
-        method = m ? FACTOR_METHOD_MU : FACTOR_METHOD_HALS;
+        how = (struct hard_how){.method = m ? FACTOR_METHOD_MU : FACTOR_METHOD_HALS};
         for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
             assert_same_bits(case_of(names[i]), true);
         }
@@ -145,9 +160,9 @@ static void missing_responses_leave_their_neighbours_unharmed(void)
         struct sample whole = hard_sample(ordinary), part = hard_sample(holes);
         struct nacre_material a = {0}, b = {0};
         struct factor_summary of_whole = {0}, of_part = {0};
-        method = m ? FACTOR_METHOD_MU : FACTOR_METHOD_HALS;
-        hard_material(&whole, ordinary, &opencl, method, FACTOR_STORE_HALF, &a, &of_whole);
-        hard_material(&part, holes, &opencl, method, FACTOR_STORE_HALF, &b, &of_part);
+        how = (struct hard_how){.method = m ? FACTOR_METHOD_MU : FACTOR_METHOD_HALS};
+        hard_material(&whole, ordinary, &opencl, how, FACTOR_STORE_HALF, &a, &of_whole);
+        hard_material(&part, holes, &opencl, how, FACTOR_STORE_HALF, &b, &of_part);
         TEST_ASSERT_TRUE(of_part.error.not_measured > 30);
         /* Fewer responses are easier to fit; some slack, as clusters differ. */
         TEST_ASSERT_TRUE(of_part.error.whole.mean <= 1.1 * of_whole.error.whole.mean);
@@ -168,12 +183,12 @@ static void a_power_of_two_changes_no_bit(void)
     for (int m = 0; m < 2; m++) {
         size_t count = 0, changed = 0;
         struct sample plain = hard_sample(hard);
-        method = m ? FACTOR_METHOD_MU : FACTOR_METHOD_HALS;
-        float *expected = hard_factors(&plain, hard, &opencl, method, false, &count, &changed);
+        how = (struct hard_how){.method = m ? FACTOR_METHOD_MU : FACTOR_METHOD_HALS};
+        float *expected = hard_factors(&plain, hard, &opencl, how, false, &count, &changed);
         for (size_t i = 0; i < sizeof exponents / sizeof *exponents; i++) {
             struct sample scaled = hard_sample(hard);
             sample_scale(&scaled, ldexpf(1, exponents[i]));
-            float *actual = hard_factors(&scaled, hard, &opencl, method, false, &count, &changed);
+            float *actual = hard_factors(&scaled, hard, &opencl, how, false, &count, &changed);
             TEST_ASSERT_EQUAL_MEMORY(expected, actual, count * sizeof *actual);
             free(actual);
             sample_finish(&scaled);
@@ -190,7 +205,7 @@ static void any_scale_gives_the_same_error(void)
     const struct hard_case *hard = case_of("ordinary");
     for (int m = 0; m < 2; m++) {
         double expected = 0;
-        method = m ? FACTOR_METHOD_MU : FACTOR_METHOD_HALS;
+        how = (struct hard_how){.method = m ? FACTOR_METHOD_MU : FACTOR_METHOD_HALS};
         for (size_t i = 0; i <= sizeof scales / sizeof *scales; i++) {
             struct sample sample = hard_sample(hard);
             struct nacre_material material = {0};
@@ -198,7 +213,7 @@ static void any_scale_gives_the_same_error(void)
             if (i > 0) {
                 sample_scale(&sample, scales[i - 1]);
             }
-            hard_material(&sample, hard, &opencl, method, FACTOR_STORE_FLOAT, &material, &summary);
+            hard_material(&sample, hard, &opencl, how, FACTOR_STORE_FLOAT, &material, &summary);
             expected = i > 0 ? expected : summary.error.whole.mean;
             TEST_ASSERT_DOUBLE_WITHIN(1e-5 * expected, expected, summary.error.whole.mean);
             factor_summary_finish(&summary);
@@ -208,11 +223,36 @@ static void any_scale_gives_the_same_error(void)
     }
 }
 
+/* With the weight 1 / ||R_i|| the objective is half the sum of squared relative errors: another program's sum, of all
+ * channels and as read from the file, in floats. */
+static void the_objective_of_relative_errors_is_theirs(void)
+{
+    static const char *const names[] = {"ordinary", "dark channel", "entries missing", "vein"};
+    for (size_t i = 0; i < 2 * sizeof names / sizeof *names; i++) {
+        const struct hard_case *hard = case_of(names[i / 2]);
+        struct sample sample = hard_sample(hard);
+        struct nacre_material material = {0};
+        struct factor_summary summary = {0};
+        double sum = 0;
+        how = (struct hard_how){.method = i % 2 ? FACTOR_METHOD_MU : FACTOR_METHOD_HALS,
+                                .weight = FACTOR_WEIGHT_RESPONSE};
+        hard_material(&sample, hard, &opencl, how, FACTOR_STORE_FLOAT, &material, &summary);
+        for (int p = 0; p < hard->width * hard->height; p++) {
+            double error = (double)summary.error.map[p];
+            sum += isnan(error) ? 0 : error * error;
+        }
+        TEST_ASSERT_DOUBLE_WITHIN(1e-5 * sum, sum / 2, summary.objective);
+        factor_summary_finish(&summary);
+        nacre_material_finish(&material);
+        sample_finish(&sample);
+    }
+}
+
 /* Where it is called so, extrapolation really overshoots. */
 static void extrapolation_that_overshoots_is_taken_back(void)
 {
-    method = FACTOR_METHOD_HALS;
-    struct hard_figures f = hard_run(case_of("alternating columns"), &opencl, method, false);
+    how = (struct hard_how){.method = FACTOR_METHOD_HALS};
+    struct hard_figures f = hard_run(case_of("alternating columns"), &opencl, how);
     TEST_ASSERT_TRUE(f.refusals > 0);
 }
 
@@ -230,6 +270,7 @@ int main(void)
     RUN_TEST(missing_responses_leave_their_neighbours_unharmed);
     RUN_TEST(a_power_of_two_changes_no_bit);
     RUN_TEST(any_scale_gives_the_same_error);
+    RUN_TEST(the_objective_of_relative_errors_is_theirs);
     RUN_TEST(extrapolation_that_overshoots_is_taken_back);
     opencl_close(&opencl);
     return UNITY_END();
