@@ -146,16 +146,16 @@ static int make_room(struct weighted *w, struct nacre_error *error)
                                          .pitch_mm = 1};
     size_t area = (size_t)r->window * (size_t)r->window;
     size_t needed = responses_bytes(&info, r->lanes, false), available = responses_free_bytes();
+    w->weights = calloc(points_of(r), sizeof *w->weights);
+    w->kernels = malloc((size_t)p->clusters * (size_t)r->channels * area * sizeof *w->kernels);
+    if (!w->weights || !w->kernels) {
+        return nacre_fail_memory(error, "the weights");
+    }
     if (needed > available) {
         return nacre_fail(error,
                           "weighted responses take %.1f GiB of memory more and %.1f GiB are free; "
                           "use --weight kernel or close other programs",
                           (double)needed * 0x1p-30, (double)available * 0x1p-30);
-    }
-    w->weights = calloc(points_of(r), sizeof *w->weights);
-    w->kernels = malloc((size_t)p->clusters * (size_t)r->channels * area * sizeof *w->kernels);
-    if (!w->weights || !w->kernels) {
-        return nacre_fail_memory(error, "the weights");
     }
     return responses_begin(&w->responses, &info, r->lanes, false, error);
 }

@@ -83,7 +83,8 @@ static void make_vein(struct sample *s)
 
 static void fall_by_five_decades(const struct sample *s, struct entry e)
 {
-    double far = hypot(s->window / 2, s->window / 2);
+    int half = s->window / 2;
+    double far = hypot(half, half);
     *e.value =
         (float)(pow(10, -5 * hypot(e.dx, e.dy) / far) * (0.7 + 0.6 * random_uniform(21, e.number)));
 }
@@ -158,7 +159,7 @@ static void lose_entries(struct sample *s)
 
 static void lose_response(const struct sample *s, struct entry e)
 {
-    if (random_uniform(25, (uint64_t)(e.y * s->width + e.x)) < 0.4) {
+    if (random_uniform(25, (uint64_t)e.y * (uint64_t)s->width + (uint64_t)e.x) < 0.4) {
         *e.value = NAN;
     }
 }
