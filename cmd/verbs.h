@@ -4,7 +4,7 @@
 
 #include "base/options.h"
 
-extern const struct verb verb_scan, verb_devices, verb_develop, verb_simulate, verb_factor,
-    verb_error, verb_render, verb_report, verb_plan;
+extern const struct verb verb_scan, verb_devices, verb_doctor, verb_develop, verb_simulate,
+    verb_factor, verb_error, verb_render, verb_report, verb_plan;
 
 #endif

@@ -8,6 +8,7 @@
 #include <inttypes.h>
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 /* A stray pulse comes at least that long before the trigger's. */
 static const int64_t STRAY_NS = 10000000;
@@ -39,9 +40,13 @@ struct virtual_station {
     struct virtual_clock clock;
     struct station settings; /* numbers only: what it has on the heap belongs to the caller */
     struct light *light;
-    uint16_t *raw;  /* the last frame */
-    uint64_t key;   /* of the pattern, for the noise */
-    uint64_t tries; /* to expose it */
+    uint16_t *raw; /* the last frame */
+    bool tells_refreshes;
+    int64_t change_ns;  /* when the pattern that is shown was on the glass; told refreshes only */
+    uint8_t *levels[2]; /* the pattern before and the one shown; told refreshes only */
+    uint16_t *before;   /* a frame of the former */
+    uint64_t key;       /* of the pattern, for the noise */
+    uint64_t tries;     /* to expose it */
     int64_t exposure_ns, trigger_ns;
     bool armed, triggered;
     uint32_t sequence;
@@ -70,12 +75,18 @@ static int projector_show(struct projector *projector, const uint8_t *levels, in
     struct virtual_station *station = ((struct virtual_projector *)projector)->station;
     int64_t period_ns = projector->period_ns;
     int64_t refresh_ns = (station->clock.time_ns + period_ns - 1) / period_ns * period_ns;
+    int64_t latency_ns = effects_has(light_effects(station->light), EFFECT_LATENCY)
+                             ? milliseconds(station->settings.simulated.projector.latency_ms)
+                             : 0;
     (void)error; /* this projector cannot fail */
     light_show(station->light, levels);
-    *flip_ns = refresh_ns;
-    if (effects_has(light_effects(station->light), EFFECT_LATENCY)) {
-        *flip_ns += milliseconds(station->settings.simulated.projector.latency_ms);
+    if (station->tells_refreshes) {
+        size_t points = (size_t)projector->width * (size_t)projector->height;
+        memcpy(station->levels[0], station->levels[1], points);
+        memcpy(station->levels[1], levels, points);
+        station->change_ns = refresh_ns + latency_ns;
     }
+    *flip_ns = station->tells_refreshes ? refresh_ns : refresh_ns + latency_ns;
     clock_advance(&station->clock.base, *flip_ns);
     return NACRE_OK;
 }
@@ -134,6 +145,31 @@ static int fail_without_frame(struct virtual_station *station, int64_t timeout_n
                       timeout_ns / 1000000);
 }
 
+/* A frame in which the pattern before gives way to the one that is shown now. */
+static int expose_change(struct virtual_station *station, const struct light_exposure *exposure,
+                         struct nacre_error *error)
+{
+    const struct camera *camera = &station->camera.base;
+    size_t pixels = (size_t)camera->width * (size_t)camera->height;
+    double before =
+        (double)(station->change_ns - exposure->begin_ns) / (double)exposure->exposure_ns;
+    before = before < 1 ? before : 1;
+    light_show(station->light, station->levels[0]);
+    int status = light_expose(station->light, exposure, station->raw, error);
+    for (size_t i = 0; i < pixels; i++) {
+        station->before[i] = station->raw[i];
+    }
+    light_show(station->light, station->levels[1]);
+    if (status == NACRE_OK) {
+        status = light_expose(station->light, exposure, station->raw, error);
+    }
+    for (size_t i = 0; i < pixels; i++) {
+        station->raw[i] =
+            (uint16_t)lround(before * station->before[i] + (1 - before) * station->raw[i]);
+    }
+    return status;
+}
+
 static int camera_take(struct camera *camera, int64_t timeout_ns, struct camera_frame *frame,
                        struct nacre_error *error)
 {
@@ -156,7 +192,9 @@ static int camera_take(struct camera *camera, int64_t timeout_ns, struct camera_
     if (fault == FRAME_DROPPED) {
         return fail_without_frame(station, timeout_ns, error);
     }
-    int status = light_expose(station->light, &exposure, station->raw, error);
+    int status = station->tells_refreshes && exposure.begin_ns < station->change_ns
+                     ? expose_change(station, &exposure, error)
+                     : light_expose(station->light, &exposure, station->raw, error);
     if (status != NACRE_OK) {
         return status;
     }
@@ -271,12 +309,31 @@ void virtual_station_begin_pattern(struct virtual_station *simulated, struct pat
     simulated->tries = 0;
 }
 
+int virtual_station_tell_refreshes(struct virtual_station *simulated, struct nacre_error *error)
+{
+    const struct projector *projector = &simulated->projector.base;
+    const struct camera *camera = &simulated->camera.base;
+    size_t points = (size_t)projector->width * (size_t)projector->height;
+    size_t pixels = (size_t)camera->width * (size_t)camera->height;
+    simulated->levels[0] = calloc(points, 1);
+    simulated->levels[1] = calloc(points, 1);
+    simulated->before = calloc(pixels, sizeof *simulated->before);
+    if (!simulated->levels[0] || !simulated->levels[1] || !simulated->before) {
+        return nacre_fail_memory(error, "the virtual station");
+    }
+    simulated->tells_refreshes = true;
+    return NACRE_OK;
+}
+
 void virtual_station_free(struct virtual_station *simulated)
 {
     if (!simulated) {
         return;
     }
     light_free(simulated->light);
+    free(simulated->levels[0]);
+    free(simulated->levels[1]);
+    free(simulated->before);
     free(simulated->raw);
     free(simulated);
 }

@@ -33,6 +33,10 @@ void virtual_station_set_white_layer(struct virtual_station *simulated, int on);
  * resumed scan equals an undisturbed one. */
 void virtual_station_begin_pattern(struct virtual_station *simulated, struct pattern pattern);
 
+/* From now on `show` returns, and tells, the refresh that takes a pattern; it is on the glass its latency later. So does a
+ * real projector whose latency is not known yet. */
+int virtual_station_tell_refreshes(struct virtual_station *simulated, struct nacre_error *error);
+
 void virtual_station_free(struct virtual_station *simulated); /* NULL is allowed */
 
 #endif

@@ -1,0 +1,229 @@
+/* Tests of measuring projector latency and camera delay, on a virtual station whose own are known. */
+#include "rig/latency.h"
+
+#include "stage.h"
+#include "unity.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { FLIPS = 24 };
+
+/* What the mean of 480 pixels with a noise of 3 is wrong by, 0.14, is 0.06 % of the light's change and 0.02 ms of an
+ * exposure of 33 ms; rounding to whole numbers is less. */
+static const double bound_ms = 0.1;
+
+static struct stage stage;
+static struct station settings;
+static struct virtual_station *station;
+static struct devices devices;
+static struct latency_report report;
+static struct nacre_error error;
+
+/* A camera whose stamps are wrong, or that loses frames. */
+static struct {
+    struct camera base, *inner;
+    int64_t shift_ns;
+    int lose, taken;
+} camera;
+
+static int arm(struct camera *base, int64_t exposure_ns, struct nacre_error *failure)
+{
+    (void)base;
+    return camera.inner->ops->arm(camera.inner, exposure_ns, failure);
+}
+
+static int take(struct camera *base, int64_t timeout_ns, struct camera_frame *frame,
+                struct nacre_error *failure)
+{
+    (void)base;
+    int status = camera.inner->ops->take(camera.inner, timeout_ns, frame, failure);
+    frame->frame_ns += camera.shift_ns;
+    if (camera.lose && ++camera.taken % camera.lose == 0) {
+        return nacre_fail(failure, "camera faulty: lost");
+    }
+    return status;
+}
+
+/* A trigger that is locked to a wheel of 30 Hz, `phase_ns` after each turn. */
+static struct {
+    struct trigger base, *inner;
+    int64_t phase_ns;
+} locked;
+
+static int fire_locked(struct trigger *base, int64_t exposure_ns, int64_t *trigger_ns,
+                       struct nacre_error *failure)
+{
+    (void)base;
+    int64_t turn_ns = devices.projector->period_ns;
+    int64_t now_ns = clock_now_ns(devices.clock) - locked.phase_ns;
+    clock_sleep_until_ns(devices.clock,
+                         (now_ns + turn_ns - 1) / turn_ns * turn_ns + locked.phase_ns);
+    return locked.inner->ops->fire(locked.inner, exposure_ns, trigger_ns, failure);
+}
+
+void setUp(void)
+{
+    error.text[0] = '\0';
+    camera.shift_ns = 0;
+    camera.lose = camera.taken = 0;
+}
+
+void tearDown(void)
+{
+    if (station) {
+        virtual_station_free(station);
+        station = NULL;
+        station_finish(&settings);
+        stage_remove(&stage);
+    }
+}
+
+static void set_up(const char *from, const char *to)
+{
+    static const struct camera_ops camera_ops = {.name = "faulty", .arm = arm, .take = take};
+    char *text = text_replace(stage_station, from, to);
+    stage_make(&stage, text, NULL);
+    free(text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, station_read(stage.station, &settings, &error),
+                                  error.text);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, virtual_station_new(&settings, &station, &error));
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, virtual_station_tell_refreshes(station, &error));
+    camera.inner = virtual_station_camera(station);
+    camera.base = *camera.inner;
+    camera.base.ops = &camera_ops;
+    devices = (struct devices){&camera.base, virtual_station_projector(station),
+                               virtual_station_trigger(station), virtual_station_clock(station)};
+}
+
+static void measure(void)
+{
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, latency_measure(&devices, FLIPS, NULL, &report, &error),
+                                  error.text);
+}
+
+static void latency_is_found(const char *latency, double expected_ms)
+{
+    char text[64];
+    (void)snprintf(text, sizeof text, "latency_ms: %s", latency);
+    set_up("latency_ms: 16", text);
+    measure();
+    TEST_ASSERT_DOUBLE_WITHIN(bound_ms, expected_ms, report.light.median_ms);
+    TEST_ASSERT_TRUE(report.light.spread_ms < bound_ms);
+    TEST_ASSERT_TRUE(report.light.count >= FLIPS / 2);
+    TEST_ASSERT_DOUBLE_WITHIN(0.5, 33.3, report.exposure_ms);
+}
+
+static void latency_of_half_a_turn_is_found(void)
+{
+    latency_is_found("16", 16);
+}
+
+static void latency_of_several_turns_is_found(void)
+{
+    latency_is_found("123.4", 123.4);
+}
+
+static void latency_of_less_than_a_frame_sees_is_found(void)
+{
+    latency_is_found("5", 5);
+}
+
+static void no_latency_is_none(void)
+{
+    set_up("latency_ms: 16", "latency_ms: 0");
+    measure();
+    /* Frames cannot begin before the flip: it is between 0 and a twelfth of an exposure. */
+    TEST_ASSERT_TRUE(report.light.median_ms >= 0);
+    TEST_ASSERT_TRUE(report.light.median_ms <= 33.4 / 12);
+}
+
+static void trigger_locked_to_the_wheel_finds_it_too(void)
+{
+    static const struct trigger_ops ops = {.name = "locked", .fire = fire_locked};
+    set_up("latency_ms: 16", "latency_ms: 40");
+    locked.base.ops = &ops;
+    locked.inner = devices.trigger;
+    locked.phase_ns = 2000000;
+    devices.trigger = &locked.base;
+    measure();
+    TEST_ASSERT_DOUBLE_WITHIN(bound_ms, 40, report.light.median_ms);
+}
+
+/* Colours one after the other: how much of a turn a colour has is not how much of the time. What that makes of it is less
+ * than a third of a turn. */
+static void colour_wheel_is_allowed_for(void)
+{
+    set_up("virtual:\n  seed: 5\n  projector: {contrast: 500, latency_ms: 16}",
+           "virtual:\n  seed: 5\n  projector:\n    latency_ms: 16\n    wheel:\n      segments:\n"
+           "        - {color: [1, 0, 0], angle_deg: 120}\n"
+           "        - {color: [0, 1, 0], angle_deg: 120}\n"
+           "        - {color: [0, 0, 1], angle_deg: 120}\n");
+    measure();
+    TEST_ASSERT_DOUBLE_WITHIN(33.3 / 3, 16, report.light.median_ms);
+}
+
+static void stamps_are_compared_with_triggers(void)
+{
+    set_up("latency_ms: 16", "latency_ms: 16");
+    camera.shift_ns = 3210000;
+    measure();
+    TEST_ASSERT_EQUAL_INT(FLIPS, report.camera.count);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 3.21, report.camera.median_ms);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0, report.camera.spread_ms);
+    TEST_ASSERT_DOUBLE_WITHIN(bound_ms, 16, report.light.median_ms); /* stamps have no part in it */
+}
+
+static void some_frames_may_be_lost(void)
+{
+    set_up("latency_ms: 16", "latency_ms: 16");
+    camera.lose = 7;
+    measure();
+    TEST_ASSERT_EQUAL_INT((FLIPS + 2) / 7, report.lost);
+    TEST_ASSERT_DOUBLE_WITHIN(bound_ms, 16, report.light.median_ms);
+}
+
+static void camera_that_loses_most_is_refused(void)
+{
+    set_up("latency_ms: 16", "latency_ms: 16");
+    camera.lose = 3;
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, latency_measure(&devices, FLIPS, NULL, &report, &error));
+    TEST_ASSERT_EQUAL_STRING("camera faulty: lost", error.text);
+}
+
+static void camera_that_sees_nothing_is_refused(void)
+{
+    set_up("full_scale_s: 0.05", "full_scale_s: 500");
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, latency_measure(&devices, FLIPS, NULL, &report, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "does not see the projector"), error.text);
+}
+
+static void figure_is_of_all_values(void)
+{
+    double values[] = {5, 1, 3, 2, 4};
+    struct latency_figure figure = latency_figure(values, 5);
+    TEST_ASSERT_EQUAL_DOUBLE(3, figure.median_ms);
+    TEST_ASSERT_EQUAL_DOUBLE(1, figure.least_ms);
+    TEST_ASSERT_EQUAL_DOUBLE(5, figure.most_ms);
+    TEST_ASSERT_EQUAL_DOUBLE(1, figure.spread_ms);
+    TEST_ASSERT_EQUAL_DOUBLE(1.5, latency_figure(values, 2).median_ms);
+    TEST_ASSERT_EQUAL_INT(0, latency_figure(values, 0).count);
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(latency_of_half_a_turn_is_found);
+    RUN_TEST(latency_of_several_turns_is_found);
+    RUN_TEST(latency_of_less_than_a_frame_sees_is_found);
+    RUN_TEST(no_latency_is_none);
+    RUN_TEST(trigger_locked_to_the_wheel_finds_it_too);
+    RUN_TEST(colour_wheel_is_allowed_for);
+    RUN_TEST(stamps_are_compared_with_triggers);
+    RUN_TEST(some_frames_may_be_lost);
+    RUN_TEST(camera_that_loses_most_is_refused);
+    RUN_TEST(camera_that_sees_nothing_is_refused);
+    RUN_TEST(figure_is_of_all_values);
+    return UNITY_END();
+}
