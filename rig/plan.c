@@ -133,16 +133,29 @@ static int check(const char *path, const struct plan *plan, struct nacre_error *
     return check_exposures(path, plan, error);
 }
 
-int plan_read(const char *path, struct plan *plan, struct nacre_error *error)
+/* Check what was read, and keep nothing of a plan that is refused. */
+static int finish_reading(int status, const char *name, struct plan *plan,
+                          struct nacre_error *error)
 {
-    int status = settings_read(path, &plan_schema, plan, error);
     if (status == NACRE_OK) {
-        status = check(path, plan, error);
+        status = check(name, plan, error);
     }
     if (status != NACRE_OK) {
         plan_finish(plan);
     }
     return status;
+}
+
+int plan_read(const char *path, struct plan *plan, struct nacre_error *error)
+{
+    return finish_reading(settings_read(path, &plan_schema, plan, error), path, plan, error);
+}
+
+int plan_parse(const char *name, const char *text, size_t size, struct plan *plan,
+               struct nacre_error *error)
+{
+    int status = settings_parse(name, "/", text, size, &plan_schema, plan, error);
+    return finish_reading(status, name, plan, error);
 }
 
 void plan_finish(struct plan *plan)

@@ -50,6 +50,9 @@ struct pattern {
 
 /* Read and check a plan file; plan_finish frees. */
 int plan_read(const char *path, struct plan *plan, struct nacre_error *error);
+/* The same from text, named `name` in messages. */
+int plan_parse(const char *name, const char *text, size_t size, struct plan *plan,
+               struct nacre_error *error);
 void plan_finish(struct plan *plan);
 
 /* Whether a kind of pattern is shown with the white layer on the sample. */

@@ -11,12 +11,15 @@ MAY_USE = {
     'firmware': [],
     'rig': ['lib/base', 'lib/nacre'],
     'rig/virtual': ['rig', 'lib/base', 'lib/nacre'],
+    'rig/daemon': ['rig', 'lib/base', 'lib/nacre'],
     'rig/develop': ['rig', 'lib/base', 'lib/nacre'],
     'factor': ['lib/base', 'lib/nacre'],
     'render': ['lib/base', 'lib/nacre'],
     'study': ['factor', 'render', 'rig/develop', 'rig', 'lib/base', 'lib/nacre'],
-    'cmd': ['study', 'factor', 'render', 'rig/virtual', 'rig/develop', 'rig', 'lib/base', 'lib/nacre'],
-    'tests': ['firmware', 'study', 'factor', 'render', 'rig/virtual', 'rig/develop', 'rig', 'lib/base', 'lib/nacre'],
+    'cmd': ['study', 'factor', 'render', 'rig/virtual', 'rig/develop', 'rig/daemon', 'rig', 'lib/base',
+            'lib/nacre'],
+    'tests': ['firmware', 'study', 'factor', 'render', 'rig/virtual', 'rig/develop', 'rig/daemon', 'rig',
+              'lib/base', 'lib/nacre'],
 }
 # A station file holds the settings of every driver, of the virtual ones too; behind them are only the checks of single
 # values, which the station's library holds.
@@ -76,6 +79,7 @@ def check_itself():
         ('rig/sequence.c', '#include "rig/virtual/settings.h"', False),
         ('rig/station.h', '#include "rig/virtual/settings.h"', True),
         ('rig/develop/a.c', '#include "rig/virtual/sample.h"', False),
+        ('rig/daemon/a.c', '#include "rig/virtual/virtual.h"', False),
         ('rig/sequence.c', '#include "firmware/protocol.h"', False),
         ('rig/trigger_usb.c', '#include "firmware/protocol.h"', True),
         ('rig/trigger_usb.c', '#include "firmware/board.h"', False),

@@ -6,6 +6,7 @@
 #include "rig/daemon/sessions.h"
 #include "rig/daemon/words.h"
 
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -150,11 +151,11 @@ static int resume(sd_bus_message *message, void *context, sd_bus_error *answer)
         return -ENOMEM;
     }
     const struct job_order order = {.path = path};
-    result = sessions_find(path) == SESSION_THERE
-                 ? begin(bus, name, &order, message, answer)
-                 : sd_bus_error_setf(answer, STATION_ERROR_NO_SUCH_SESSION,
-                                     "there is no session %s; begin it with nacre start %s", name,
-                                     name);
+    result =
+        sessions_find(path) == SESSION_THERE
+            ? begin(bus, name, &order, message, answer)
+            : sd_bus_error_setf(answer, STATION_ERROR_NO_SUCH_SESSION,
+                                "there is no session %s; begin it with nacre start %s", name, name);
     free(path);
     return result;
 }
@@ -183,6 +184,11 @@ static int cancel(sd_bus_message *message, void *context, sd_bus_error *answer)
 static int confirm(sd_bus_message *message, void *context, sd_bus_error *answer)
 {
     return ask(context, job_confirm, message, answer);
+}
+
+static int insist(sd_bus_message *message, void *context, sd_bus_error *answer)
+{
+    return ask(context, job_insist, message, answer);
 }
 
 static int get_incomplete(sd_bus *connection, const char *path, const char *interface,
@@ -214,6 +220,8 @@ static const sd_bus_vtable interface[] = {
     SD_BUS_METHOD_WITH_ARGS("Cancel", SD_BUS_NO_ARGS, SD_BUS_NO_RESULT, cancel,
                             SD_BUS_VTABLE_UNPRIVILEGED),
     SD_BUS_METHOD_WITH_ARGS("Confirm", SD_BUS_NO_ARGS, SD_BUS_NO_RESULT, confirm,
+                            SD_BUS_VTABLE_UNPRIVILEGED),
+    SD_BUS_METHOD_WITH_ARGS("Insist", SD_BUS_NO_ARGS, SD_BUS_NO_RESULT, insist,
                             SD_BUS_VTABLE_UNPRIVILEGED),
     SD_BUS_SIGNAL_WITH_ARGS("Asked", SD_BUS_ARGS("s", message), 0),
     SD_BUS_SIGNAL_WITH_ARGS("Finished", SD_BUS_ARGS("s", name, "b", ok, "s", message), 0),
@@ -280,8 +288,8 @@ static void add_remedy(struct bus *bus)
 static void show(struct bus *bus)
 {
     const struct job_status *status = &bus->status;
-    bool measuring = status->state == JOB_RUNNING || status->state == JOB_WAITING ||
-                     status->state == JOB_PAUSED;
+    bool measuring =
+        status->state == JOB_RUNNING || status->state == JOB_WAITING || status->state == JOB_PAUSED;
     bus->shown = (struct shown){.state = words_state(status->state),
                                 .session = bus->session,
                                 .kind = measuring ? pattern_kind_names[status->pattern.kind] : "",
@@ -351,7 +359,9 @@ static void tell_event(struct bus *bus)
         (void)sd_bus_emit_signal(bus->connection, STATION_OBJECT, STATION_INTERFACE, "Finished",
                                  "sbs", bus->session, state == JOB_DONE, bus->message);
     }
-    journal_write(state == JOB_FAILED ? LOG_ERR : over || state == JOB_WAITING ? LOG_NOTICE : LOG_INFO,
+    journal_write(state == JOB_FAILED            ? LOG_ERR
+                  : over || state == JOB_WAITING ? LOG_NOTICE
+                                                 : LOG_INFO,
                   &bus->status, bus->message);
 }
 

@@ -35,11 +35,12 @@ struct job {
     pthread_mutex_t mutex;
     pthread_cond_t changed;
     struct job_status status;
-    bool confirmed;
-    int64_t life_ns;                /* last sign of life */
-    int64_t limit_ns;               /* longest time between two */
-    int64_t begun_ns, held_ns;      /* first pattern; time spent in pauses and waits since */
-    double estimate;                /* seconds of one pattern, before any was measured */
+    bool confirmed, insisted;
+    char doubt[512];           /* what a check frame showed, for the next question */
+    int64_t life_ns;           /* last sign of life */
+    int64_t limit_ns;          /* longest time between two */
+    int64_t begun_ns, held_ns; /* first pattern; time spent in pauses and waits since */
+    double estimate;           /* seconds of one pattern, before any was measured */
 };
 
 static int64_t now_ns(void)
@@ -63,7 +64,8 @@ static bool is_held(enum job_state state)
 static void tell(struct job *job)
 {
     uint64_t one = 1;
-    (void)!write(job->event, &one, sizeof one); /* full only if nobody reads, who then finds it all */
+    (void)!write(job->event, &one,
+                 sizeof one); /* full only if nobody reads, who then finds it all */
     (void)pthread_cond_broadcast(&job->changed);
 }
 
@@ -168,21 +170,44 @@ static int hold(struct job *job, enum job_state state, const bool *until, bool v
     return NACRE_OK;
 }
 
+/* What the person is asked; the mutex is held. */
+static void word_question(struct job *job, bool on)
+{
+    const char *doubt = job->doubt;
+    (void)snprintf(job->status.message, sizeof job->status.message, "%s%s%s, then confirm%s", doubt,
+                   *doubt ? "; " : "",
+                   on ? "lay the white diffuse layer on the sample"
+                      : "take the white diffuse layer off the sample",
+                   *doubt ? "; if you are sure that it is right, insist (nacre confirm --insist)"
+                          : "");
+    job->doubt[0] = '\0';
+}
+
 /* Ask the person and wait for the answer; then for a pause to end that was asked for meanwhile. */
 static int lay_white_layer(void *context, bool on, struct nacre_error *error)
 {
     struct job *job = context;
     (void)pthread_mutex_lock(&job->mutex);
-    (void)snprintf(job->status.message, sizeof job->status.message, "%s",
-                   on ? "lay the white diffuse layer on the sample, then confirm"
-                      : "take the white diffuse layer off the sample, then confirm");
+    word_question(job, on);
     job->confirmed = false;
+    job->insisted = false;
     int status = hold(job, JOB_WAITING, &job->confirmed, true, error);
     if (status == NACRE_OK) {
         status = hold(job, JOB_PAUSED, &job->status.pausing, false, error);
     }
+    if (status == NACRE_OK && job->insisted) {
+        status = SEQUENCE_INSISTED;
+    }
     (void)pthread_mutex_unlock(&job->mutex);
     return status;
+}
+
+static void doubt_layer(void *context, const char *why)
+{
+    struct job *job = context;
+    (void)pthread_mutex_lock(&job->mutex);
+    (void)snprintf(job->doubt, sizeof job->doubt, "%s", why);
+    (void)pthread_mutex_unlock(&job->mutex);
 }
 
 /* What the patterns so far took, without pauses; before the first, what they ought to take. */
@@ -243,7 +268,8 @@ static int open_devices(struct job *job, struct devices *devices, struct nacre_e
 static int measure(struct job *job, struct sequence_result *result, struct nacre_error *error)
 {
     const struct sequence_options options = {.retries = RETRIES, .tolerance_ns = TOLERANCE_NS};
-    const struct sequence_operator person = {job, lay_white_layer, begin_pattern, show_life};
+    const struct sequence_operator person = {job, lay_white_layer, begin_pattern, show_life,
+                                             doubt_layer};
     struct devices devices = {0};
     if (job->skipped == job->status.patterns) {
         return NACRE_OK; /* a session that lacks nothing needs no devices */
@@ -303,8 +329,8 @@ static int read_order(struct job *job, const struct job_order *order, struct nac
     }
     if (status == NACRE_OK) {
         (void)snprintf(plan, sizeof plan, "/proc/self/fd/%d", job->plan);
-        status = session_read_settings(order->station, order->plan ? plan : NULL, &job->session,
-                                       error);
+        status =
+            session_read_settings(order->station, order->plan ? plan : NULL, &job->session, error);
     }
     return status;
 }
@@ -369,7 +395,7 @@ int job_start(struct job *job, const struct job_order *order, struct nacre_error
     (void)snprintf(job->status.name, sizeof job->status.name, "%s", name ? name + 1 : order->path);
     job->life_ns = now_ns();
     job->limit_ns = longest_silence_ns(&job->session);
-    job->confirmed = false;
+    job->doubt[0] = '\0';
     int number = pthread_create(&job->thread, NULL, work, job);
     job->joinable = number == 0;
     if (number != 0) {
@@ -381,7 +407,7 @@ int job_start(struct job *job, const struct job_order *order, struct nacre_error
 }
 
 /* What may be asked of an active job only. */
-enum request { REQUEST_PAUSE, REQUEST_RESUME, REQUEST_CONFIRM, REQUEST_CANCEL };
+enum request { REQUEST_PAUSE, REQUEST_RESUME, REQUEST_CONFIRM, REQUEST_INSIST, REQUEST_CANCEL };
 
 static int obey(struct job *job, enum request request, struct nacre_error *error)
 {
@@ -397,11 +423,13 @@ static int obey(struct job *job, enum request request, struct nacre_error *error
         known->pausing = false;
         break;
     case REQUEST_CONFIRM:
+    case REQUEST_INSIST:
         if (known->state != JOB_WAITING) {
             return nacre_fail(error, "%s waits for nobody; there is nothing to confirm",
                               known->name);
         }
         job->confirmed = true;
+        job->insisted = request == REQUEST_INSIST;
         break;
     case REQUEST_CANCEL:
         known->stopping = true;
@@ -434,6 +462,11 @@ int job_resume(struct job *job, struct nacre_error *error)
 int job_confirm(struct job *job, struct nacre_error *error)
 {
     return ask(job, REQUEST_CONFIRM, error);
+}
+
+int job_insist(struct job *job, struct nacre_error *error)
+{
+    return ask(job, REQUEST_INSIST, error);
 }
 
 int job_cancel(struct job *job, struct nacre_error *error)

@@ -71,8 +71,9 @@ int job_start(struct job *job, const struct job_order *order, struct nacre_error
 /* Stop before the next pattern until job_resume. */
 int job_pause(struct job *job, struct nacre_error *error);
 int job_resume(struct job *job, struct nacre_error *error);
-/* The person has done what the message asked. */
+/* The person has done what the message asked; or says that it is so, whatever a check frame shows. */
 int job_confirm(struct job *job, struct nacre_error *error);
+int job_insist(struct job *job, struct nacre_error *error);
 /* Stop for good before the next pattern: whole files only. */
 int job_cancel(struct job *job, struct nacre_error *error);
 

@@ -48,12 +48,10 @@ static void close_real(void *context, struct devices *devices)
 static int parse(int argc, char **argv, struct settings *settings)
 {
     enum { STATE = 256, USER, VERSION };
-    static const struct option options[] = {{"station", required_argument, NULL, 's'},
-                                            {"state", required_argument, NULL, STATE},
-                                            {"user", no_argument, NULL, USER},
-                                            {"help", no_argument, NULL, 'h'},
-                                            {"version", no_argument, NULL, VERSION},
-                                            {0}};
+    static const struct option options[] = {
+        {"station", required_argument, NULL, 's'}, {"state", required_argument, NULL, STATE},
+        {"user", no_argument, NULL, USER},         {"help", no_argument, NULL, 'h'},
+        {"version", no_argument, NULL, VERSION},   {0}};
     int option;
     while ((option = getopt_long(argc, argv, "s:h", options, NULL)) != -1) {
         switch (option) {

@@ -76,7 +76,8 @@ void words_describe(const struct job_status *status, char *text, size_t size)
         (void)snprintf(text, size, "%s", status->message);
         break;
     case JOB_CANCELLED:
-        (void)snprintf(text, size, "%s was stopped after %zu of %zu patterns; `nacre resume %s` goes on",
+        (void)snprintf(text, size,
+                       "%s was stopped after %zu of %zu patterns; `nacre resume %s` goes on",
                        status->name, status->done, status->patterns, status->name);
         break;
     }
