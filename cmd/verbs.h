@@ -4,7 +4,8 @@
 
 #include "base/options.h"
 
-extern const struct verb verb_scan, verb_devices, verb_doctor, verb_develop, verb_simulate,
-    verb_factor, verb_error, verb_render, verb_report, verb_plan;
+extern const struct verb verb_scan, verb_devices, verb_develop, verb_simulate, verb_factor,
+    verb_error, verb_render, verb_report, verb_doctor, verb_plan, verb_start, verb_status,
+    verb_pause, verb_resume, verb_cancel, verb_confirm;
 
 #endif

@@ -19,7 +19,7 @@ enum { MESSAGE_SIZE = 1400 };
 
 /* The properties, as sd-bus reads them. */
 struct shown {
-    const char *state, *session, *kind, *message;
+    const char *state, *session, *sessions, *kind, *message;
     uint32_t pattern, patterns, retries, time_left;
 };
 
@@ -72,7 +72,9 @@ static int begin(struct bus *bus, const char *name, const struct job_order *orde
     if (job_start(bus->job, order, &error) != NACRE_OK) {
         return refuse(answer, STATION_ERROR_FAILED, &error);
     }
-    (void)snprintf(bus->session, sizeof bus->session, "%s", name);
+    if (name != bus->session) {
+        (void)snprintf(bus->session, sizeof bus->session, "%s", name);
+    }
     return agree(bus, message);
 }
 
@@ -142,6 +144,11 @@ static int resume(sd_bus_message *message, void *context, sd_bus_error *answer)
     }
     if (is_active(bus)) {
         return go_on(bus, name, message, answer);
+    }
+    name = *name ? name : bus->session;
+    if (!*name) {
+        return sd_bus_error_set(answer, STATION_ERROR_NOTHING_TO_DO,
+                                "no session is incomplete; begin one with nacre start");
     }
     if (sessions_check_name(name, &error) != NACRE_OK) {
         return refuse(answer, STATION_ERROR_BAD_NAME, &error);
@@ -229,6 +236,8 @@ static const sd_bus_vtable interface[] = {
                     SD_BUS_VTABLE_PROPERTY_EMITS_CHANGE),
     SD_BUS_PROPERTY("Session", "s", NULL, offsetof(struct bus, shown.session),
                     SD_BUS_VTABLE_PROPERTY_EMITS_CHANGE),
+    SD_BUS_PROPERTY("Sessions", "s", NULL, offsetof(struct bus, shown.sessions),
+                    SD_BUS_VTABLE_PROPERTY_CONST),
     SD_BUS_PROPERTY("Kind", "s", NULL, offsetof(struct bus, shown.kind),
                     SD_BUS_VTABLE_PROPERTY_EMITS_CHANGE),
     SD_BUS_PROPERTY("Pattern", "u", NULL, offsetof(struct bus, shown.pattern),
@@ -292,6 +301,7 @@ static void show(struct bus *bus)
         status->state == JOB_RUNNING || status->state == JOB_WAITING || status->state == JOB_PAUSED;
     bus->shown = (struct shown){.state = words_state(status->state),
                                 .session = bus->session,
+                                .sessions = bus->settings->sessions,
                                 .kind = measuring ? pattern_kind_names[status->pattern.kind] : "",
                                 .message = bus->message,
                                 .pattern = (uint32_t)status->done,

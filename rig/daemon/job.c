@@ -199,6 +199,9 @@ static int lay_white_layer(void *context, bool on, struct nacre_error *error)
         status = SEQUENCE_INSISTED;
     }
     (void)pthread_mutex_unlock(&job->mutex);
+    if (status >= NACRE_OK && job->opener.white_layer) {
+        job->opener.white_layer(job->opener.context, on);
+    }
     return status;
 }
 

@@ -22,12 +22,14 @@ enum job_state {
     JOB_CANCELLED,
 };
 
-/* How a job comes by its devices; both are called in the job's thread. */
+/* How a job comes by its devices; called in the job's thread. */
 struct job_opener {
     void *context;
     int (*open)(void *context, const struct station *station, struct devices *devices,
                 struct nacre_error *error);
     void (*close)(void *context, struct devices *devices);
+    /* The person has laid the white layer, or taken it off: virtual devices must be told. May be NULL. */
+    void (*white_layer)(void *context, bool on);
 };
 
 /* What is to be measured. */

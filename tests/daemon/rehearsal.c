@@ -3,7 +3,6 @@
 
 #include <stddef.h>
 #include <stdlib.h>
-#include <string.h>
 #include <unistd.h>
 
 static struct rehearsal *rehearsal_of(struct camera *camera)
@@ -79,6 +78,14 @@ static void close_virtual(void *context, struct devices *devices)
     rehearsal->station = NULL;
 }
 
+static void lay_white_layer(void *context, bool on)
+{
+    struct rehearsal *rehearsal = context;
+    if (!rehearsal->obstinate) {
+        virtual_station_set_white_layer(rehearsal->station, on);
+    }
+}
+
 void rehearsal_init(struct rehearsal *rehearsal)
 {
     *rehearsal = (struct rehearsal){.fault = FAULT_LOST, .fault_at = -1, .hang_at = -1};
@@ -94,7 +101,7 @@ void rehearsal_finish(struct rehearsal *rehearsal)
 
 struct job_opener rehearsal_opener(struct rehearsal *rehearsal)
 {
-    return (struct job_opener){rehearsal, open_virtual, close_virtual};
+    return (struct job_opener){rehearsal, open_virtual, close_virtual, lay_white_layer};
 }
 
 void rehearsal_wait_hanging(struct rehearsal *rehearsal)
@@ -112,9 +119,4 @@ void rehearsal_release(struct rehearsal *rehearsal)
     rehearsal->released = true;
     (void)pthread_cond_broadcast(&rehearsal->changed);
     (void)pthread_mutex_unlock(&rehearsal->mutex);
-}
-
-void rehearsal_obey(struct rehearsal *rehearsal, const char *message)
-{
-    virtual_station_set_white_layer(rehearsal->station, strstr(message, "take ") == NULL);
 }

@@ -11,6 +11,7 @@ struct rehearsal {
     const char *refusal; /* opening fails with this text; NULL: it does not */
     enum fault fault;    /* at this take; < 0: never */
     int fault_at;
+    bool obstinate;                  /* the layer is not laid, whatever is confirmed */
     int slow_ms;                     /* every take lasts so long */
     int hang_at;                     /* this take lasts until rehearsal_release; < 0: none */
     _Atomic int takes;               /* so far */
@@ -32,8 +33,5 @@ struct job_opener rehearsal_opener(struct rehearsal *rehearsal);
 /* Wait until the camera hangs; let it go. */
 void rehearsal_wait_hanging(struct rehearsal *rehearsal);
 void rehearsal_release(struct rehearsal *rehearsal);
-
-/* Do what the job's message asks of the person, without confirming it. */
-void rehearsal_obey(struct rehearsal *rehearsal, const char *message);
 
 #endif

@@ -63,10 +63,23 @@ static void follow(enum job_state state, bool helpful)
 {
     for (job_read(job, &now); now.state != state; wait_change()) {
         if (now.state == JOB_WAITING && helpful) {
-            rehearsal_obey(&rehearsal, now.message);
             (void)job_confirm(job, NULL);
         } else {
             TEST_ASSERT_TRUE_MESSAGE(job_is_active(now.state), now.message);
+        }
+    }
+}
+
+/* Help until the camera is asked for so many frames. */
+static void help_until_takes(int takes)
+{
+    struct pollfd event = {.fd = job_event_fd(job), .events = POLLIN};
+    while (rehearsal.takes < takes) {
+        (void)poll(&event, 1, 10); /* takes are no changes */
+        job_read(job, &now);
+        TEST_ASSERT_TRUE_MESSAGE(job_is_active(now.state), now.message);
+        if (now.state == JOB_WAITING) {
+            (void)job_confirm(job, NULL);
         }
     }
 }
@@ -143,12 +156,7 @@ static void paused_scan_goes_on_and_equals_an_undisturbed_one(void)
     uint64_t expected = undisturbed();
     rehearsal.hang_at = 11;
     start();
-    for (job_read(job, &now); !rehearsal.hangs; wait_change()) {
-        if (now.state == JOB_WAITING) {
-            rehearsal_obey(&rehearsal, now.message);
-            (void)job_confirm(job, NULL);
-        }
-    }
+    help_until_takes(12);
     TEST_ASSERT_EQUAL_INT(NACRE_OK, job_pause(job, &error));
     rehearsal_release(&rehearsal);
     follow(JOB_PAUSED, false);
@@ -168,10 +176,7 @@ static void cancelled_scan_is_resumed_and_equals_an_undisturbed_one(void)
     uint64_t expected = undisturbed();
     rehearsal.slow_ms = 5;
     start();
-    while (rehearsal.takes < 9) {
-        follow(JOB_RUNNING, true);
-        wait_change();
-    }
+    help_until_takes(9);
     TEST_ASSERT_EQUAL_INT(NACRE_OK, job_cancel(job, &error));
     follow(JOB_CANCELLED, true);
     TEST_ASSERT_TRUE(now.done >= 4 && now.done < STAGE_PATTERNS);
@@ -281,7 +286,6 @@ static void requests_that_fit_nothing_are_refused(void)
     follow(JOB_WAITING, false);
     TEST_ASSERT_EQUAL_INT(NACRE_FAILED, job_resume(job, &error));
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "is not paused"), error.text);
-    rehearsal_obey(&rehearsal, now.message);
     TEST_ASSERT_EQUAL_INT(NACRE_OK, job_confirm(job, &error));
     rehearsal_wait_hanging(&rehearsal);
     TEST_ASSERT_EQUAL_INT(NACRE_FAILED, job_confirm(job, &error));
@@ -294,10 +298,7 @@ static void job_that_hangs_in_a_device_is_not_alive(void)
     static const int64_t slack_ns = -6100000000;
     rehearsal.hang_at = 4;
     start();
-    while (!rehearsal.hangs) {
-        follow(JOB_RUNNING, true);
-        wait_change();
-    }
+    help_until_takes(5);
     TEST_ASSERT_TRUE(job_is_alive(job, 0));
     (void)usleep(150000);
     TEST_ASSERT_FALSE(job_is_alive(job, slack_ns));
@@ -317,7 +318,6 @@ static void slow_camera_shows_life_with_every_exposure(void)
     start();
     free(plan);
     follow(JOB_WAITING, false);
-    rehearsal_obey(&rehearsal, now.message);
     (void)job_confirm(job, NULL);
     for (int i = 0; i < 50; i++) {
         TEST_ASSERT_TRUE(job_is_alive(job, -6 * SECOND_NS));
@@ -330,10 +330,7 @@ static void job_is_stopped_when_it_is_freed(void)
 {
     rehearsal.slow_ms = 5;
     start();
-    while (rehearsal.takes < 3) {
-        follow(JOB_RUNNING, true);
-        wait_change();
-    }
+    help_until_takes(3);
     job_free(job);
     job = NULL;
     TEST_ASSERT_NULL(rehearsal.station);
