@@ -44,6 +44,7 @@ static int on_job(sd_event_source *source, int file, uint32_t events, void *cont
     (void)source;
     (void)file;
     (void)events;
+    job_clear_event(service->job);
     bus_publish(service->bus);
     end_if_due(service);
     return 0;
@@ -65,15 +66,16 @@ static int on_signal(sd_event_source *source, const struct signalfd_siginfo *inf
 }
 
 /* Say that we live, if the job's thread does too. */
-static int on_watchdog(sd_event_source *source, uint64_t now_us, void *context)
+static int on_watchdog(sd_event_source *source, uint64_t due_us, void *context)
 {
+    (void)due_us;
     struct service *service = context;
     uint64_t turn_us = service->watchdog_us ? service->watchdog_us / 4 : 1000000;
     if (service->watchdog_us && job_is_alive(service->job, (int64_t)service->watchdog_us * 1000)) {
         (void)sd_notify(0, "WATCHDOG=1");
     }
     end_if_due(service); /* the bus may have been lost */
-    int result = sd_event_source_set_time(source, now_us + turn_us);
+    int result = sd_event_source_set_time_relative(source, turn_us);
     return result < 0 ? result : sd_event_source_set_enabled(source, SD_EVENT_ONESHOT);
 }
 

@@ -13,8 +13,8 @@
 #include <sys/mman.h>
 #include <unistd.h>
 
-/* Of one exposure, after the first try; and how late a frame may begin after its trigger. */
-enum { RETRIES = 3, TOLERANCE_NS = 2000000 };
+/* Of one exposure, after the first try. */
+enum { RETRIES = 3 };
 
 /* A camera is given so long beyond the exposure for its frame, and again to be opened anew; a trigger waits for three
  * turns of the wheel, or so long. */
@@ -139,10 +139,14 @@ int job_event_fd(const struct job *job)
     return job->event;
 }
 
-void job_read(struct job *job, struct job_status *status)
+void job_clear_event(struct job *job)
 {
     uint64_t count;
     (void)!read(job->event, &count, sizeof count); /* empty if nothing has changed */
+}
+
+void job_read(struct job *job, struct job_status *status)
+{
     (void)pthread_mutex_lock(&job->mutex);
     *status = job->status;
     (void)pthread_mutex_unlock(&job->mutex);
@@ -270,7 +274,7 @@ static int open_devices(struct job *job, struct devices *devices, struct nacre_e
 
 static int measure(struct job *job, struct sequence_result *result, struct nacre_error *error)
 {
-    const struct sequence_options options = {.retries = RETRIES, .tolerance_ns = TOLERANCE_NS};
+    const struct sequence_options options = {.retries = RETRIES};
     const struct sequence_operator person = {job, lay_white_layer, begin_pattern, show_life,
                                              doubt_layer};
     struct devices devices = {0};

@@ -60,8 +60,9 @@ int job_new(const struct job_opener *opener, struct job **job, struct nacre_erro
 /* Stops a job that runs, and waits for it. NULL is allowed. */
 void job_free(struct job *job);
 
-/* Readable when the status has changed; read it by job_read. */
+/* Readable when the status has changed: clear it, and then read the status. */
 int job_event_fd(const struct job *job);
+void job_clear_event(struct job *job);
 /* The status as it is now. */
 void job_read(struct job *job, struct job_status *status);
 /* Whether a scan is under way in this state. */

@@ -55,6 +55,7 @@ static void wait_change(void)
 {
     struct pollfd event = {.fd = job_event_fd(job), .events = POLLIN};
     TEST_ASSERT_EQUAL_INT_MESSAGE(1, poll(&event, 1, LIMIT_MS), words_state(now.state));
+    job_clear_event(job);
     job_read(job, &now);
 }
 
@@ -76,6 +77,7 @@ static void help_until_takes(int takes)
     struct pollfd event = {.fd = job_event_fd(job), .events = POLLIN};
     while (rehearsal.takes < takes) {
         (void)poll(&event, 1, 10); /* takes are no changes */
+        job_clear_event(job);
         job_read(job, &now);
         TEST_ASSERT_TRUE_MESSAGE(job_is_active(now.state), now.message);
         if (now.state == JOB_WAITING) {
