@@ -1,6 +1,7 @@
 /* nacre devices: lists the devices that a computer offers. */
 #include "base/clock.h"
 #include "base/opencl.h"
+#include "cmd/devices_rig.h"
 #include "cmd/json_print.h"
 #include "cmd/verbs.h"
 #include "factor/layout.h"
@@ -160,7 +161,7 @@ static void print_text(const cl_device_id *devices, size_t count)
 }
 
 static int print_json(const cl_device_id *devices, size_t count, const struct boards *boards,
-                      struct nacre_error *error)
+                      const struct rig_devices *rig, struct nacre_error *error)
 {
     json_t *list = json_array();
     json_t *root = json_pack("{s:o, s:o}", "opencl", list, "trigger_boards", boards_json(boards));
@@ -172,6 +173,7 @@ static int print_json(const cl_device_id *devices, size_t count, const struct bo
                             d.name, "type", d.type, "compute_units", (json_int_t)d.compute_units,
                             "memory_bytes", (json_int_t)d.memory, "version", d.version));
     }
+    rig_devices_json(rig, root);
     return json_print(root, error);
 }
 
@@ -205,14 +207,17 @@ static int run(const void *settings, const struct invocation *invocation, struct
     }
     size_t found = opencl_list(devices, count);
     count = found < count ? found : count;
-    int result = NACRE_OK;
     struct boards boards = find_boards();
-    if (invocation->json) {
-        result = print_json(devices, count, &boards, error);
-    } else {
+    struct rig_devices rig = {.camera_count = 0};
+    int result = rig_devices_find(&rig, error);
+    if (result == NACRE_OK && invocation->json) {
+        result = print_json(devices, count, &boards, &rig, error);
+    } else if (result == NACRE_OK) {
         print_text(devices, count);
+        rig_devices_print(&rig);
         print_boards(&boards);
     }
+    rig_devices_finish(&rig);
     free(boards.list);
     free(devices);
     return result;
@@ -221,10 +226,12 @@ static int run(const void *settings, const struct invocation *invocation, struct
 const struct verb verb_devices = {
     .name = "devices",
     .operands = "",
-    .summary = "list OpenCL devices and trigger boards",
+    .summary = "list OpenCL devices, cameras, displays, GPIO chips and trigger boards",
     .text = "Prints the number, name, kind, compute units, memory and OpenCL version of every "
-            "device that computing can run on; and of every trigger board its place on the USB "
-            "and the colour wheel that it is locked to, or why it cannot be used.\n\n"
+            "device that computing can run on; of every camera its raw formats; of every graphics "
+            "card its connectors and their modes; of every GPIO chip the lines that have names or "
+            "are held; and of every trigger board its place on the USB and the colour wheel that "
+            "it is locked to; or why a device cannot be used.\n\n"
             "--tune measures instead which register tiles suit the multiplicative updates of "
             "`nacre factor` on a device, with the responses as floats and as half floats. The "
             "results are kept in tiles.tsv in $CACHE_DIRECTORY, else in the folder nacre of "

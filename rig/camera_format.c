@@ -56,6 +56,16 @@ size_t camera_formats_find(enum bayer bayer, int bits,
     return count;
 }
 
+const struct camera_format *camera_format_of(uint32_t code)
+{
+    for (size_t i = 0; i < sizeof formats / sizeof *formats; i++) {
+        if (formats[i].code == code) {
+            return &formats[i];
+        }
+    }
+    return NULL;
+}
+
 size_t camera_format_row_bytes(const struct camera_format *format, int width)
 {
     size_t pixels = (size_t)width;

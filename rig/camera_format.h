@@ -28,6 +28,9 @@ enum { CAMERA_FORMATS = 2 };
 size_t camera_formats_find(enum bayer bayer, int bits,
                            const struct camera_format *found[CAMERA_FORMATS]);
 
+/* The format with V4L2's code, or NULL. */
+const struct camera_format *camera_format_of(uint32_t code);
+
 /* Bytes that a row of pixels takes at least. */
 size_t camera_format_row_bytes(const struct camera_format *format, int width);
 

@@ -99,7 +99,7 @@ static int controls_set(struct camera_controls *controls, uint32_t id, int64_t v
     return transfer(controls, VIDIOC_S_EXT_CTRLS, id, &value);
 }
 
-static int fail_open(const char *device, int number, struct nacre_error *error)
+int camera_fail_open(const char *device, int number, struct nacre_error *error)
 {
     switch (number) {
     case EACCES:
@@ -138,13 +138,13 @@ static int open_files(struct camera_stream *stream, const struct camera_stream_s
 {
     stream->file = open(settings->device, O_RDWR | O_NONBLOCK | O_CLOEXEC);
     if (stream->file < 0) {
-        return fail_open(settings->device, errno, error);
+        return camera_fail_open(settings->device, errno, error);
     }
     stream->controls.file = stream->file;
     if (settings->subdevice) {
         stream->subfile = open(settings->subdevice, O_RDWR | O_CLOEXEC);
         if (stream->subfile < 0) {
-            return fail_open(settings->subdevice, errno, error);
+            return camera_fail_open(settings->subdevice, errno, error);
         }
         stream->controls.file = stream->subfile;
     }

@@ -52,4 +52,7 @@ size_t camera_stream_stride(const struct camera_stream *stream);
 /* Of the sub-device where there is one. */
 struct camera_controls *camera_stream_controls(struct camera_stream *stream);
 
+/* Fail for a node that could not be opened, by errno. */
+int camera_fail_open(const char *device, int number, struct nacre_error *error);
+
 #endif

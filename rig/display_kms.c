@@ -39,10 +39,7 @@ static int fail_open(const char *path, int number, struct nacre_error *error)
     switch (number) {
     case EACCES:
     case EPERM:
-        return nacre_fail(error,
-                          "projector %s: may not be opened; install udev/70-nacre-display.rules, "
-                          "and be in the group nacre",
-                          path);
+        return display_fail_open(path, error);
     case ENOENT:
     case ENXIO:
     case ENODEV:

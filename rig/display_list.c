@@ -126,3 +126,12 @@ void display_cards_free(struct display_card *cards, size_t count)
     }
     free(cards);
 }
+
+int display_fail_open(const char *path, struct nacre_error *error)
+{
+    return nacre_fail(
+        error,
+        "projector %s: may not be opened; install udev/70-nacre-display.rules, and be "
+        "in the group nacre",
+        path);
+}

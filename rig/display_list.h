@@ -14,4 +14,7 @@ int display_cards_list(struct display_card **cards, size_t *count, char *refused
                        struct nacre_error *error);
 void display_cards_free(struct display_card *cards, size_t count);
 
+/* Fail for a node that may not be opened. */
+int display_fail_open(const char *path, struct nacre_error *error);
+
 #endif

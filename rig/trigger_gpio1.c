@@ -57,6 +57,13 @@ int gpio_chip_find_line(struct gpio_chip *chip, const char *name)
     return line ? (int)gpiod_line_offset(line) : -1;
 }
 
+void gpio_chip_line_name(struct gpio_chip *chip, int offset, char *name, size_t size)
+{
+    struct gpiod_line *line = gpiod_chip_get_line(chip_of(chip), (unsigned)offset);
+    const char *found = line ? gpiod_line_name(line) : NULL;
+    (void)snprintf(name, size, "%s", found ? found : "");
+}
+
 void gpio_chip_line_holder(struct gpio_chip *chip, int offset, char *holder, size_t size)
 {
     struct gpiod_line *line = gpiod_chip_get_line(chip_of(chip), (unsigned)offset);

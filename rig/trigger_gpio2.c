@@ -80,6 +80,16 @@ int gpio_chip_find_line(struct gpio_chip *chip, const char *name)
     return gpiod_chip_get_line_offset_from_name(chip->chip, name);
 }
 
+void gpio_chip_line_name(struct gpio_chip *chip, int offset, char *name, size_t size)
+{
+    struct gpiod_line_info *info = gpiod_chip_get_line_info(chip->chip, (unsigned)offset);
+    const char *found = info ? gpiod_line_info_get_name(info) : NULL;
+    (void)snprintf(name, size, "%s", found ? found : "");
+    if (info) {
+        gpiod_line_info_free(info);
+    }
+}
+
 void gpio_chip_line_holder(struct gpio_chip *chip, int offset, char *holder, size_t size)
 {
     struct gpiod_line_info *info = gpiod_chip_get_line_info(chip->chip, (unsigned)offset);

@@ -21,6 +21,9 @@ int gpio_chip_line_count(struct gpio_chip *chip);
 /* The offset of the line called `name`, or -1. */
 int gpio_chip_find_line(struct gpio_chip *chip, const char *name);
 
+/* The name of a line, empty if it has none. */
+void gpio_chip_line_name(struct gpio_chip *chip, int offset, char *name, size_t size);
+
 /* What holds a line calls itself so: empty if nothing holds it or it gave no name. */
 void gpio_chip_line_holder(struct gpio_chip *chip, int offset, char *holder, size_t size);
 

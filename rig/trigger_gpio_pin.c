@@ -12,7 +12,7 @@ static bool is_refusal(int number)
     return number == EACCES || number == EPERM;
 }
 
-static int fail_open(const char *path, int number, struct nacre_error *error)
+int gpio_chip_fail_open(const char *path, int number, struct nacre_error *error)
 {
     if (is_refusal(number)) {
         return nacre_fail(
@@ -83,14 +83,14 @@ static int fail_search(const struct gpio_place *place, const struct search *sear
                           place->chip, place->name);
     }
     if (search->refused[0]) {
-        return fail_open(search->refused, EACCES, error);
+        return gpio_chip_fail_open(search->refused, EACCES, error);
     }
     if (search->chips == 0) {
         return nacre_fail(
             error, "GPIO: the machine has no GPIO chip; plug its board in or load its driver");
     }
     if (place->chip) {
-        return fail_open(place->chip, ENOENT, error);
+        return gpio_chip_fail_open(place->chip, ENOENT, error);
     }
     return nacre_fail(error,
                       "GPIO line \"%s\": no chip has a line of this name; `gpioinfo` lists them",
@@ -114,8 +114,9 @@ static int find(const struct gpio_place *place, struct gpio_pin *pin, char *path
         }
     }
     if (!found) {
-        status = by_path && search.number != 0 ? fail_open(place->chip, search.number, error)
-                                               : fail_search(place, &search, error);
+        status = by_path && search.number != 0
+                     ? gpio_chip_fail_open(place->chip, search.number, error)
+                     : fail_search(place, &search, error);
     } else if (*offset >= gpio_chip_line_count(pin->chip)) {
         status =
             nacre_fail(error, "GPIO chip %s: has no line %d, as it has %d lines, counted from 0",

@@ -28,4 +28,7 @@ int gpio_pin_open(const struct gpio_place *place, enum gpio_use use, struct gpio
                   struct nacre_error *error);
 void gpio_pin_close(struct gpio_pin *pin); /* one that is not open is allowed */
 
+/* Fail for a chip that could not be opened, by errno. */
+int gpio_chip_fail_open(const char *path, int number, struct nacre_error *error);
+
 #endif
