@@ -1,0 +1,21 @@
+/* A virtual station's scan from its files to developed responses, in a folder. */
+#ifndef TESTS_DEVELOP_VIRTUAL_SCAN_H
+#define TESTS_DEVELOP_VIRTUAL_SCAN_H
+
+#include "rig/develop/develop.h"
+#include "rig/sequence.h"
+
+/* Write a text file FOLDER/NAME. */
+void virtual_scan_write(const char *folder, const char *name, const char *text);
+
+/* Measure FOLDER/station.yaml into FOLDER/session, with 20 retries, and develop it as FOLDER/scan.exr. */
+void virtual_scan_run(const char *folder, struct sequence_result *result,
+                      struct develop_report *report);
+
+/* The exact responses of FOLDER/sample.yaml as FOLDER/exact.exr. */
+void virtual_scan_exact(const char *folder, int window);
+
+/* All responses of FOLDER/NAME: [height][width][channels][K][K]; heap. */
+float *virtual_scan_load(const char *folder, const char *name);
+
+#endif
