@@ -1,0 +1,207 @@
+/* Tests of nacre view on a virtual station: what it finds is what the station file says. */
+#include "base/picture.h"
+#include "tests/cmd/spawn.h"
+#include "tests/cmd/stations.h"
+#include "unity.h"
+
+#include <jansson.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { WIDTH = 96, HEIGHT = 80 };
+
+static const char *program;
+static char *folder, *station, *output;
+static struct spawned ran;
+static json_t *result;
+
+void setUp(void)
+{
+    folder = folder_make();
+    stations_write(folder);
+    station = path_join(folder, "station.yaml");
+    output = path_join(folder, "view.png");
+    result = NULL;
+    ran = (struct spawned){0};
+}
+
+void tearDown(void)
+{
+    json_decref(result);
+    spawned_finish(&ran);
+    free(station);
+    free(output);
+    folder_remove(folder);
+}
+
+/* The station's file with `from` replaced by `to`. */
+static void change(const char *from, const char *to)
+{
+    size_t size = 0;
+    char *text = (char *)file_read(station, &size);
+    char *place = text ? strstr(text, from) : NULL;
+    char *changed = NULL;
+    TEST_ASSERT_NOT_NULL_MESSAGE(place, from);
+    TEST_ASSERT_TRUE(
+        asprintf(&changed, "%.*s%s%s", (int)(place - text), text, to, place + strlen(from)) >= 0);
+    text_write(station, changed);
+    free(changed);
+    free(text);
+}
+
+static void view(const char *pattern, const char *exposure)
+{
+    const char *const arguments[] = {
+        program,  "view",   "--station", station, "-o",
+        output,   "--json", "--pattern", pattern, exposure ? "--exposure" : NULL,
+        exposure, NULL};
+    json_decref(result);
+    spawned_finish(&ran);
+    ran = spawn(arguments, NULL);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(0, ran.status, ran.errors);
+    result = json_loads(ran.output, 0, NULL);
+    TEST_ASSERT_NOT_NULL_MESSAGE(result, ran.output);
+}
+
+static double number(const char *key)
+{
+    return json_number_value(json_object_get(result, key));
+}
+
+static int region(const char *key)
+{
+    return (int)json_integer_value(json_object_get(json_object_get(result, "region"), key));
+}
+
+/* Share of the picture's pixels that have the colour. */
+static double share_of(float red, float green, float blue)
+{
+    struct picture picture;
+    struct nacre_error error;
+    size_t count = 0;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, picture_read(output, &picture, &error), error.text);
+    TEST_ASSERT_EQUAL_INT(WIDTH, picture.width);
+    TEST_ASSERT_EQUAL_INT(HEIGHT, picture.height);
+    for (size_t i = 0; i < (size_t)WIDTH * HEIGHT; i++) {
+        const float *p = picture.rgb + 3 * i;
+        count +=
+            fabsf(p[0] - red) < 0.02F && fabsf(p[1] - green) < 0.02F && fabsf(p[2] - blue) < 0.02F;
+    }
+    picture_finish(&picture);
+    return (double)count / (WIDTH * HEIGHT);
+}
+
+/* 20 x 16 points of 4 pixels, 80 x 64 about the middle of 96 x 80, seen from 12 degrees above: at most 5 % larger or
+ * smaller at an edge. The region found is good to 2 pixels. */
+static void region_is_what_the_projector_lights(void)
+{
+    view("white", NULL);
+    const json_t *corners = json_object_get(json_object_get(result, "region"), "corners");
+    const double expected[4][2] = {{8, 8}, {88, 8}, {88, 72}, {8, 72}};
+    TEST_ASSERT_EQUAL_INT(4, json_array_size(corners));
+    for (size_t i = 0; i < 4; i++) {
+        for (size_t k = 0; k < 2; k++) {
+            TEST_ASSERT_DOUBLE_WITHIN(
+                5, expected[i][k],
+                json_number_value(json_array_get(json_array_get(corners, i), k)));
+        }
+    }
+    TEST_ASSERT_EQUAL_INT(0, (region("left") | region("top") | region("width") | region("height")) &
+                                 1);
+    TEST_ASSERT_TRUE(region("left") <= 8 && region("left") + region("width") >= 88);
+    TEST_ASSERT_TRUE(region("top") <= 10 && region("top") + region("height") >= 70);
+    TEST_ASSERT_TRUE(region("left") + region("width") <= WIDTH);
+    TEST_ASSERT_TRUE(region("top") + region("height") <= HEIGHT);
+    /* The outline: some 280 of 7680 pixels, each once. */
+    TEST_ASSERT_DOUBLE_WITHIN(0.012, 280. / 7680, share_of(0.1F, 1, 0.1F));
+    TEST_ASSERT_EQUAL_DOUBLE(0, number("saturated"));
+    TEST_ASSERT_EQUAL_DOUBLE(0, share_of(1, 0, 1));
+}
+
+static void saturated_pixels_are_counted_and_marked(void)
+{
+    view("white", "20000");
+    TEST_ASSERT_TRUE(number("saturated") > 0.5);
+    /* All but those under the outline. */
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, number("saturated"), share_of(1, 0, 1));
+    TEST_ASSERT_DOUBLE_WITHIN(0.01, 20000, number("exposure_ms"));
+}
+
+static void exposure_is_whole_turns(void)
+{
+    view("white", "40");
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 1000 / 30., number("exposure_ms"));
+    view("white", "1");
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 1000 / 30., number("exposure_ms"));
+}
+
+static void focus_falls_as_the_lens_is_defocused(void)
+{
+    view("dots", NULL);
+    double sharp = number("focus");
+    change("pixels_per_point: 4}", "pixels_per_point: 4, defocus_px: 4}");
+    view("dots", NULL);
+    double blurred = number("focus");
+    TEST_ASSERT_TRUE(sharp > 0 && blurred > 0);
+    /* A circle of 4 pixels blurs edges of one over four. */
+    TEST_ASSERT_TRUE(blurred < 0.7 * sharp);
+}
+
+static void station_in_the_dark_has_no_region(void)
+{
+    change("pixels_per_point: 4}", "pixels_per_point: 4, full_scale_s: 90000}");
+    view("white", NULL);
+    TEST_ASSERT_TRUE(json_is_null(json_object_get(result, "region")));
+    TEST_ASSERT_EQUAL_DOUBLE(0, share_of(0.1F, 1, 0.1F));
+}
+
+static void grey_cameras_are_looked_through_too(void)
+{
+    change("bayer: RGGB", "bayer: mono");
+    view("grid", NULL);
+    TEST_ASSERT_TRUE(region("width") >= 76);
+    TEST_ASSERT_TRUE(number("focus") > 0);
+}
+
+static void values_to_keep_are_printed(void)
+{
+    const char *const arguments[] = {program, "view", "--station", station, "-o", output, NULL};
+    ran = spawn(arguments, NULL);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(0, ran.status, ran.errors);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(ran.output, "keep       camera: {width: "), ran.output);
+}
+
+static void picture_of_unknown_kind_is_refused(void)
+{
+    const char *const arguments[] = {program, "view",       "--station", station,
+                                     "-o",    "/tmp/x.bmp", NULL};
+    ran = spawn(arguments, NULL);
+    TEST_ASSERT_EQUAL_INT(1, ran.status);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(ran.errors, "/tmp/x.bmp"), ran.errors);
+}
+
+static void output_is_needed(void)
+{
+    const char *const arguments[] = {program, "view", "--station", station, NULL};
+    ran = spawn(arguments, NULL);
+    TEST_ASSERT_EQUAL_INT(2, ran.status);
+}
+
+int main(int argc, char **argv)
+{
+    (void)argc;
+    program = argv[1];
+    UNITY_BEGIN();
+    RUN_TEST(region_is_what_the_projector_lights);
+    RUN_TEST(saturated_pixels_are_counted_and_marked);
+    RUN_TEST(exposure_is_whole_turns);
+    RUN_TEST(focus_falls_as_the_lens_is_defocused);
+    RUN_TEST(station_in_the_dark_has_no_region);
+    RUN_TEST(grey_cameras_are_looked_through_too);
+    RUN_TEST(values_to_keep_are_printed);
+    RUN_TEST(picture_of_unknown_kind_is_refused);
+    RUN_TEST(output_is_needed);
+    return UNITY_END();
+}
