@@ -50,7 +50,7 @@ static int find_region(const struct framing_frames *frames, struct framing *fram
 {
     size_t pixels = pixels_of(frames);
     struct nacre_error reason;
-    float *light = calloc(pixels, sizeof *light);
+    float *light = calloc(pixels + 1, sizeof *light); /* never of size 0 */
     if (!light) {
         return nacre_fail_memory(error, "a frame");
     }
