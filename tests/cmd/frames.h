@@ -13,4 +13,7 @@ struct session_files session_files_count(const char *session);
  * taken, settings byte for byte. */
 void frames_expect_same(const char *expected, const char *session);
 
+/* The same of the files of frames alone, as for scans of one plan on different stations. */
+void frames_expect_same_patterns(const char *expected, const char *session);
+
 #endif

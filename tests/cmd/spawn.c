@@ -8,6 +8,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 #include <sys/resource.h>
 #include <sys/stat.h>
 #include <sys/wait.h>
@@ -35,8 +36,8 @@ static char *read_descriptor(int descriptor)
 
 static int temporary(void)
 {
-    int descriptor = open("/tmp", O_TMPFILE | O_RDWR | O_CLOEXEC, 0600);
-    demand(descriptor >= 0, "/tmp");
+    int descriptor = memfd_create("output", MFD_CLOEXEC);
+    demand(descriptor >= 0, "memfd_create");
     return descriptor;
 }
 

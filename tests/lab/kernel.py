@@ -10,13 +10,32 @@ import subprocess
 import tempfile
 import time
 
-# Modules built from Debian's kernel source; the files are paths in it. Edits replace text that must be there.
+# Modules built from Debian's kernel source; the files are paths in it, or in /usr/src of a package of their own. Edits
+# replace text that must be there.
 EXTRA = {
     'gpio-sim': {
         'files': ['drivers/gpio/gpio-sim.c', 'drivers/gpio/gpiolib.h', 'kernel/irq/irq_sim.c'],
         'objects': 'gpio-sim.o irq_sim.o',
-        # irq_to_desc is not exported to modules.
-        'edits': {'irq_sim.c': [('handle_simple_irq(irq_to_desc(irqnum));', 'generic_handle_irq(irqnum);')]},
+        'edits': {
+            # irq_to_desc is not exported to modules.
+            'irq_sim.c': [('handle_simple_irq(irq_to_desc(irqnum));', 'generic_handle_irq(irqnum);')],
+            # The file `value` tells, behind the level, how often the line rose, and when it last rose and fell.
+            'gpio-sim.c': [
+                ('\tconst struct attribute_group **attr_groups;\n};\n',
+                 '\tconst struct attribute_group **attr_groups;\n\tbool level[32];\n\tu32 rises[32];\n'
+                 '\ts64 rise_ns[32], fall_ns[32];\n};\n\n'
+                 'static void gpio_sim_note(struct gpio_sim_chip *chip)\n{\n\tunsigned int i;\n'
+                 '\tfor (i = 0; i < chip->gc.ngpio && i < 32; i++) {\n'
+                 '\t\tbool level = test_bit(i, chip->value_map);\n\t\tif (level == chip->level[i])\n\t\t\tcontinue;\n'
+                 '\t\tchip->level[i] = level;\n\t\tchip->rises[i] += level;\n'
+                 '\t\t*(level ? &chip->rise_ns[i] : &chip->fall_ns[i]) = ktime_get_ns();\n\t}\n}\n'),
+                ('\t__assign_bit(offset, chip->value_map, value);\n\tmutex_unlock',
+                 '\t__assign_bit(offset, chip->value_map, value);\n\tgpio_sim_note(chip);\n\tmutex_unlock'),
+                ('chip->value_map, bits, mask, gc->ngpio);\n\tmutex_unlock',
+                 'chip->value_map, bits, mask, gc->ngpio);\n\tgpio_sim_note(chip);\n\tmutex_unlock'),
+                ('return sysfs_emit(buf, "%d\\n", val);',
+                 'return sysfs_emit(buf, "%d %u %lld %lld\\n", val, chip->rises[line_attr->offset % 32],\n'
+                 '\t\tchip->rise_ns[line_attr->offset % 32], chip->fall_ns[line_attr->offset % 32]);')]},
     },
     'vkms': {'files': ['drivers/gpu/drm/vkms'], 'config': 'CONFIG_DRM_VKMS=m'},
     # Stock vkms has no properties that change colours: here it keeps them, but one, which it refuses to change.
@@ -64,6 +83,22 @@ EXTRA = {
                 ('\t\t\tV4L2_CID_CONTRAST, 0, 255, 1, 128);\n',
                  '\t\t\tV4L2_CID_CONTRAST, 0, 255, 1, 128);\n\t\tv4l2_ctrl_new_std(hdl_user_vid, &vivid_user_vid_ctrl_ops,'
                  ' V4L2_CID_EXPOSURE_ABSOLUTE, 1, 2550, 1, 128);\n')]},
+    },
+    # A camera that shows what it is fed.
+    'v4l2loopback': {
+        'package': 'v4l2loopback-dkms',
+        'files': ['v4l2loopback-*'],
+        'edits': {'v4l2loopback.c': [
+            # What feeds it numbers the frames, as a sensor does, and says which are damaged.
+            ('\t\tb->buffer.bytesused = buf->bytesused;\n',
+             '\t\tb->buffer.bytesused = buf->bytesused;\n\t\tb->buffer.sequence = buf->sequence;\n'
+             '\t\tb->buffer.flags &= ~V4L2_BUF_FLAG_ERROR;\n'
+             '\t\tb->buffer.flags |= V4L2_BUF_FLAG_TIMESTAMP_MONOTONIC | (buf->flags & V4L2_BUF_FLAG_ERROR);\n'),
+            # The end of feeding unplugs the camera.
+            ('\tMARK();\n\tdprintk("%d\\n", type);\n\treturn 0;\n',
+             '\tif (type == V4L2_BUF_TYPE_VIDEO_OUTPUT) {\n\t\tvideo_unregister_device(video_devdata(file));\n'
+             '\t\twake_up_all(&v4l2loopback_getdevice(file)->read_event);\n\t}\n\treturn 0;\n'),
+            ('vdev->release = &video_device_release;', 'vdev->release = &video_device_release_empty;')]},
     },
 }
 # What the guest needs before it sees the host's files.
@@ -134,7 +169,7 @@ def download(folder, packages):
 def unpack_source(work, version):
     """The few files of the kernel's source that EXTRA names."""
     prefix = f'linux-source-{version}'
-    members = [f'{prefix}/{name}' for module in EXTRA.values() for name in module['files']]
+    members = [f'{prefix}/{name}' for module in EXTRA.values() if 'package' not in module for name in module['files']]
     package = glob.glob(f'{work}/{prefix}_*.deb')[0]
     with subprocess.Popen(['dpkg-deb', '--fsys-tarfile', package], stdout=subprocess.PIPE) as outer, \
             subprocess.Popen(['tar', 'xO', f'./usr/src/{prefix}.tar.xz'], stdin=outer.stdout,
@@ -232,10 +267,12 @@ def make(release, work):
     flavour = release.rsplit('-', 1)[1]
     common = release.removesuffix(flavour) + 'common'
     download(work, [f'linux-image-{release}', f'linux-headers-{release}', f'linux-headers-{common}',
-                    f'linux-kbuild-{version}', f'linux-source-{version}'])
+                    f'linux-kbuild-{version}', f'linux-source-{version}',
+                    *(module['package'] for module in EXTRA.values() if 'package' in module)])
     tree = os.path.join(work, 'tree')
-    for package in glob.glob(f'{work}/linux-[ihk]*.deb'):
-        call('dpkg-deb', '-x', package, tree)
+    for package in glob.glob(f'{work}/*.deb'):
+        if not os.path.basename(package).startswith('linux-source'):
+            call('dpkg-deb', '-x', package, tree)
     headers = f'{tree}/usr/src/linux-headers-{release}'
     edit(f'{headers}/Makefile', [('include /usr/src/', f'include {tree}/usr/src/')])
     source = unpack_source(work, version)
@@ -244,7 +281,7 @@ def make(release, work):
     os.makedirs(os.path.dirname(modules))
     shutil.move(f'{tree}/lib/modules/{release}', modules)
     for name in EXTRA:
-        build_module(name, source, work, headers, modules)
+        build_module(name, f'{tree}/usr/src' if 'package' in EXTRA[name] else source, work, headers, modules)
     call('depmod', '-b', made, release)
     with open(os.path.join(made, 'vmlinux'), 'wb') as file:
         file.write(unpack_kernel(f'{tree}/boot/vmlinuz-{release}'))

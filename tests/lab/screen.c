@@ -70,32 +70,69 @@ static drmModeFB2 *find_framebuffer(int file)
     return found;
 }
 
-uint32_t *screen_read(const struct screen *screen, int *width, int *height)
+/* A framebuffer that is shown, mapped. */
+struct shown {
+    int file;
+    drmModeFB2 *buffer;
+    const uint8_t *bytes;
+    size_t size;
+};
+
+static struct shown map_shown(const struct screen *screen)
 {
-    int file = open(screen->path, O_RDWR | O_CLOEXEC);
-    TEST_ASSERT_TRUE_MESSAGE(file >= 0, screen->path);
-    drmModeFB2 *shown = find_framebuffer(file);
-    TEST_ASSERT_NOT_NULL_MESSAGE(shown, "nothing is shown");
-    struct drm_mode_map_dumb map = {.handle = shown->handles[0]};
-    TEST_ASSERT_EQUAL_INT(0, drmIoctl(file, DRM_IOCTL_MODE_MAP_DUMB, &map));
-    *width = (int)shown->width;
-    *height = (int)shown->height;
-    size_t size = (size_t)shown->pitches[0] * shown->height;
-    const uint8_t *bytes = mmap(NULL, size, PROT_READ, MAP_SHARED, file, (off_t)map.offset);
-    TEST_ASSERT_TRUE(bytes != MAP_FAILED);
-    uint32_t *pixels = calloc((size_t)shown->width * shown->height, sizeof *pixels);
+    struct shown shown = {.file = open(screen->path, O_RDWR | O_CLOEXEC)};
+    TEST_ASSERT_TRUE_MESSAGE(shown.file >= 0, screen->path);
+    shown.buffer = find_framebuffer(shown.file);
+    TEST_ASSERT_NOT_NULL_MESSAGE(shown.buffer, "nothing is shown");
+    struct drm_mode_map_dumb map = {.handle = shown.buffer->handles[0]};
+    TEST_ASSERT_EQUAL_INT(0, drmIoctl(shown.file, DRM_IOCTL_MODE_MAP_DUMB, &map));
+    shown.size = (size_t)shown.buffer->pitches[0] * shown.buffer->height;
+    shown.bytes = mmap(NULL, shown.size, PROT_READ, MAP_SHARED, shown.file, (off_t)map.offset);
+    TEST_ASSERT_TRUE(shown.bytes != MAP_FAILED);
+    return shown;
+}
+
+static void unmap_shown(struct shown *shown)
+{
+    (void)munmap((void *)shown->bytes, shown->size);
+    drmModeFreeFB2(shown->buffer);
+    (void)close(shown->file);
+}
+
+static uint32_t *copy_pixels(const struct shown *shown, int left, int top, int width, int height)
+{
+    uint32_t *pixels = calloc((size_t)width * (size_t)height, sizeof *pixels);
     TEST_ASSERT_NOT_NULL(pixels);
-    for (uint32_t y = 0; y < shown->height; y++) {
-        uint32_t *row = &pixels[(size_t)y * shown->width];
-        memcpy(row, bytes + shown->offsets[0] + (size_t)y * shown->pitches[0],
-               shown->width * sizeof *row);
-        for (uint32_t x = 0; x < shown->width; x++) {
+    for (int y = 0; y < height; y++) {
+        uint32_t *row = &pixels[(size_t)y * (size_t)width];
+        memcpy(row,
+               shown->bytes + shown->buffer->offsets[0] +
+                   (size_t)(y + top) * shown->buffer->pitches[0] + (size_t)left * sizeof *row,
+               (size_t)width * sizeof *row);
+        for (int x = 0; x < width; x++) {
             row[x] &= 0xffffff; /* the fourth byte means nothing */
         }
     }
-    (void)munmap((void *)bytes, size);
-    drmModeFreeFB2(shown);
-    (void)close(file);
+    return pixels;
+}
+
+uint32_t *screen_read(const struct screen *screen, int *width, int *height)
+{
+    struct shown shown = map_shown(screen);
+    *width = (int)shown.buffer->width;
+    *height = (int)shown.buffer->height;
+    uint32_t *pixels = copy_pixels(&shown, 0, 0, *width, *height);
+    unmap_shown(&shown);
+    return pixels;
+}
+
+uint32_t *screen_read_region(const struct screen *screen, int left, int top, int width, int height)
+{
+    struct shown shown = map_shown(screen);
+    TEST_ASSERT_TRUE(left + width <= (int)shown.buffer->width &&
+                     top + height <= (int)shown.buffer->height);
+    uint32_t *pixels = copy_pixels(&shown, left, top, width, height);
+    unmap_shown(&shown);
     return pixels;
 }
 

@@ -20,6 +20,9 @@ void screen_unplug(struct screen *screen); /* one that is not plugged in is left
  * frees. */
 uint32_t *screen_read(const struct screen *screen, int *width, int *height);
 
+/* The same of a part of them, which takes much less time. */
+uint32_t *screen_read_region(const struct screen *screen, int left, int top, int width, int height);
+
 /* The whole picture is black but for levels[h][w] as grey from (left, top) on. */
 void screen_check(const uint32_t *pixels, int width, int height, const uint8_t *levels, int left,
                   int top, int w, int h);
