@@ -1,5 +1,6 @@
 /* Reading an OpenEXR file into memory. */
 #include "exr_stream.h"
+#include "exr_unzip.h"
 #include "nacre/exr_file.h"
 
 #include <stdio.h>
@@ -16,6 +17,7 @@ struct reader {
     struct exr_part *part;
     exr_decode_pipeline_t decode;
     bool decoding;
+    struct exr_unzip unzip;
 };
 
 /* "part F: " or nothing. */
@@ -177,6 +179,7 @@ static int decode_chunk(struct reader *reader, const exr_chunk_info_t *chunk, in
     if (!reader->decoding) {
         reader->decoding = true;
         result = exr_decoding_choose_default_routines(context, reader->index, decode);
+        exr_unzip_use(&reader->unzip, decode);
     }
     if (result == EXR_ERR_SUCCESS) {
         result = exr_decoding_run(context, reader->index, decode);
@@ -307,6 +310,7 @@ int exr_file_read(const char *path, struct exr_file *file, struct nacre_error *e
         status = read_part(&reader, file, error);
     }
 out:
+    exr_unzip_finish(&reader.unzip);
     exr_stream_finish(&reader.stream);
     if (status != NACRE_OK) {
         exr_file_finish(file);

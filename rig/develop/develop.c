@@ -26,8 +26,11 @@ enum {
  * pixel exceeds it too, though the fit would still be nearer: the misfit cannot tell the two. */
 static const double misfit_limit = 0.1;
 
-/* A fall-off that is found to be larger is no projector's: the sample is not alike in both directions. */
-static const double falloff_limit = 3;
+/* Light that varies more over the region is no projector's: the sample is not alike in both directions. */
+static const double falloff_limit = 1.5;
+
+/* A fall-off known no better than this (of log E) is not worth taking out. */
+static const double doubt_limit = 0.05;
 
 /* A colour that the wheel makes more wrong than that is worth a warning. */
 static const double colour_limit = 1e-3;
@@ -343,17 +346,21 @@ static int find_falloff(const struct development *development, struct falloff *f
     report->falloff_pairs = falloff->pairs;
     report->falloff = falloff->range;
     report->falloff_doubt = falloff->doubt;
-    if (falloff->pairs == 0) {
+    bool told = falloff->pairs > 0 && falloff->doubt <= doubt_limit;
+    if (!told) {
         warnings_add(&report->warnings,
-                     "the projector's fall-off was not taken out: the grids hold no two lit points "
-                     "%d or %d apart that see each other; measure more grids, or a wider window",
-                     FALLOFF_NEAREST, FALLOFF_REACH);
+                     "the projector's fall-off was not taken out: of the lit points %zu pairs lie "
+                     "%d or %d apart and see each other, too few or too dark to tell it; measure "
+                     "more grids, or a wider window",
+                     falloff->pairs, FALLOFF_NEAREST, FALLOFF_REACH);
     } else if (falloff->range > falloff_limit) {
         warnings_add(&report->warnings,
                      "light seems to take its way through the sample in one direction better than "
                      "in the other, by a factor of up to %.2g over the region, which no projector "
                      "does; its fall-off was not taken out",
                      1 + falloff->range);
+    }
+    if (!told || falloff->range > falloff_limit) {
         report->falloff_pairs = 0;
         for (size_t i = 0; i < (size_t)falloff->width * (size_t)falloff->height; i++) {
             falloff->light[i] = 1;

@@ -27,8 +27,9 @@ const char *const demosaic_names[] = {"auto", "fit", "area", "malvar", NULL};
 struct colour {
     size_t count;
     uint32_t *pixels;
-    float *white;    /* [count] */
-    float *coverage; /* [points]: pixels that see the point, when none is saturated */
+    float *white;             /* [count] */
+    float *coverage;          /* [points]: pixels that see the point, when none is saturated */
+    struct fit_matrix matrix; /* DEMOSAIC_FIT: of all these pixels */
     double reflectance;
 };
 
@@ -36,6 +37,7 @@ struct resampler {
     enum demosaic demosaic;
     enum bayer bayer;
     int width, height, channels;
+    int surface_width;
     size_t pixels, points;
     double gains[3]; /* Malvar: what balances the colours before they are mixed */
     struct footprints footprints;
@@ -93,7 +95,10 @@ static int list_pixels(struct resampler *r, const struct flat *flat, const float
             }
         }
     }
-    return NACRE_OK;
+    return r->demosaic == DEMOSAIC_FIT
+               ? fit_matrix_init(&colour->matrix, &r->footprints, r->surface_width, colour->pixels,
+                                 colour->white, colour->count, r->points, error)
+               : NACRE_OK;
 }
 
 static int list_all(struct resampler *r, const struct flat *flat, struct nacre_error *error)
@@ -138,6 +143,7 @@ int resampler_new(const struct flat *flat, const struct camera_map *map, int sur
     r->width = flat->width;
     r->height = flat->height;
     r->channels = flat->channels;
+    r->surface_width = surface_width;
     r->pixels = (size_t)flat->width * (size_t)flat->height;
     r->points = (size_t)surface_width * (size_t)surface_height;
     for (int c = 0; c < 3; c++) {
@@ -165,6 +171,7 @@ void resampler_free(struct resampler *resampler)
             free(resampler->colours[c].pixels);
             free(resampler->colours[c].white);
             free(resampler->colours[c].coverage);
+            fit_matrix_finish(&resampler->colours[c].matrix);
         }
         footprints_finish(&resampler->footprints);
         free(resampler);
@@ -178,6 +185,7 @@ struct sums {
     double *white;   /* by point: sum of share times white */
     double *covered; /* by point: sum of share */
     double *x;       /* by point: light / white */
+    size_t missing;  /* listed pixels without a value */
 };
 
 static void sums_finish(struct sums *sums)
@@ -206,10 +214,12 @@ static void sum_up(const struct resampler *r, const struct colour *colour, const
 {
     const struct footprints *f = &r->footprints;
     memset(sums->light, 0, 3 * r->points * sizeof *sums->light);
+    sums->missing = 0;
     for (size_t i = 0; i < colour->count; i++) {
         double value = (double)values[colour->pixels[i]];
         bool measured = !isnan(value);
         sums->weight[i] = measured ? colour->white[i] : 0;
+        sums->missing += measured ? 0 : 1;
         size_t end = f->start[colour->pixels[i] + 1];
         for (size_t k = f->start[colour->pixels[i]]; measured && k < end; k++) {
             double share = (double)f->share[k];
@@ -221,6 +231,23 @@ static void sum_up(const struct resampler *r, const struct colour *colour, const
     for (size_t p = 0; p < r->points; p++) {
         sums->x[p] = sums->white[p] > 0 ? sums->light[p] / sums->white[p] : 0;
     }
+}
+
+/* From the means by area to the fit. The equations are those of all pixels unless the frame lacks some. */
+static int fit(const struct resampler *r, const struct colour *colour, struct sums *sums,
+               struct nacre_error *error)
+{
+    struct fit_matrix own = {0};
+    int status = NACRE_OK;
+    if (sums->missing > 0) {
+        status = fit_matrix_init(&own, &r->footprints, r->surface_width, colour->pixels,
+                                 sums->weight, colour->count, r->points, error);
+    }
+    if (status == NACRE_OK) {
+        status = fit_solve(sums->missing > 0 ? &own : &colour->matrix, sums->light, sums->x, error);
+    }
+    fit_matrix_finish(&own);
+    return status;
 }
 
 int resampler_apply(const struct resampler *resampler, const float *radiance, float *reflected,
@@ -243,8 +270,7 @@ int resampler_apply(const struct resampler *resampler, const float *radiance, fl
         float *out = reflected + (size_t)c * r->points;
         sum_up(r, colour, planes ? planes + (size_t)c * r->pixels : radiance, &sums);
         if (r->demosaic == DEMOSAIC_FIT) {
-            status = fit_solve(&r->footprints, colour->pixels, sums.weight, colour->count,
-                               r->points, sums.light, sums.x, error);
+            status = fit(r, colour, &sums, error);
         }
         for (size_t p = 0; p < r->points; p++) {
             bool enough = sums.covered[p] > 0 && 2 * sums.covered[p] >= (double)colour->coverage[p];
@@ -290,8 +316,7 @@ int resampler_add_misfit(const struct resampler *resampler, const float *radianc
     for (int c = 0; status == NACRE_OK && c < r->channels; c++) {
         const struct colour *colour = &r->colours[c];
         sum_up(r, colour, radiance, &sums);
-        status = fit_solve(&r->footprints, colour->pixels, sums.weight, colour->count, r->points,
-                           sums.light, sums.x, error);
+        status = fit(r, colour, &sums, error);
         if (status == NACRE_OK) {
             add_residuals(r, colour, radiance, variance, &sums, misfit);
         }

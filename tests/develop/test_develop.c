@@ -287,6 +287,34 @@ static void frames_that_say_nothing_are_refused(void)
     }
 }
 
+static void falloff_that_nothing_tells_is_left_in_and_warned_of(void)
+{
+    struct develop_options options = usual;
+    struct develop_report report;
+    options.flat = FLAT_SEPARATE;
+    hide(PATTERN_GRID, GRIDS - 2, true); /* the two that are left are neighbours */
+    report = develop(&options);
+    struct comparison found = compare();
+    hide(PATTERN_GRID, GRIDS - 2, false);
+    TEST_ASSERT_EQUAL_UINT(0, report.falloff_pairs);
+    TEST_ASSERT_EQUAL_INT(1, report.warnings.count);
+    TEST_ASSERT_NOT_NULL(strstr(report.warnings.texts[0], "was not taken out"));
+    TEST_ASSERT_DOUBLE_WITHIN(0.03, 0, found.error);
+}
+
+static void sample_that_is_not_reciprocal_keeps_the_papers_way(void)
+{
+    /* The made material lets light pass to the right better by up to (1 + 0.2 tanh 0.9) / (1 - 0.2 tanh 0.9), 1.33 over 3
+     * points: over 20 points no projector does that. */
+    struct develop_options options = usual;
+    options.flat = FLAT_SEPARATE;
+    struct develop_report report = develop(&options);
+    TEST_ASSERT_EQUAL_UINT(0, report.falloff_pairs);
+    TEST_ASSERT_EQUAL_INT(1, report.warnings.count);
+    TEST_ASSERT_NOT_NULL(strstr(report.warnings.texts[0], "no projector does"));
+    TEST_ASSERT_DOUBLE_WITHIN(0.024, 0, compare().error);
+}
+
 static void saturated_points_are_not_measured(void)
 {
     fill(PATTERN_GRID, 1, 1023);
@@ -383,6 +411,8 @@ int main(void)
     RUN_TEST(frames_of_another_pattern_are_refused);
     RUN_TEST(damaged_frames_are_refused);
     RUN_TEST(frames_that_say_nothing_are_refused);
+    RUN_TEST(falloff_that_nothing_tells_is_left_in_and_warned_of);
+    RUN_TEST(sample_that_is_not_reciprocal_keeps_the_papers_way);
     RUN_TEST(saturated_points_are_not_measured);
     RUN_TEST(what_is_no_session_is_refused);
     RUN_TEST(output_that_cannot_be_written_is_refused);

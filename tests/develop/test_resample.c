@@ -203,8 +203,12 @@ static void fit_agrees_with_dense_elimination(void)
         }
     }
     solve_dense(&f, weight, (size_t)CAMERA * CAMERA, (size_t)SIDE * SIDE, right, exact);
-    TEST_ASSERT_EQUAL_INT(NACRE_OK, fit_solve(&f, list, weight, (size_t)CAMERA * CAMERA,
-                                              (size_t)SIDE * SIDE, right, x, &error));
+    struct fit_matrix matrix;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK,
+                          fit_matrix_init(&matrix, &f, SIDE, list, weight, (size_t)CAMERA * CAMERA,
+                                          (size_t)SIDE * SIDE, &error));
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, fit_solve(&matrix, right, x, &error));
+    fit_matrix_finish(&matrix);
     for (int p = 0; p < SIDE * SIDE; p++) {
         /* The residual is at most 10^-5 of a right-hand side of norm 45; the system's least eigenvalue is above 1. */
         TEST_ASSERT_DOUBLE_WITHIN(5e-4, exact[p], x[p]);
