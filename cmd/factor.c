@@ -221,6 +221,25 @@ static void print_text(const struct nacre_material *m, const struct factor_summa
     error_print(&s->error, m, path);
 }
 
+static void print_warnings(const struct nacre_material *m)
+{
+    for (size_t i = 0; i < m->warning_count; i++) {
+        (void)fprintf(stderr, "nacre: warning: %s\n", m->warnings[i]);
+    }
+}
+
+static json_t *warnings_to_json(const struct nacre_material *m)
+{
+    json_t *list = json_array();
+    for (size_t i = 0; i < m->warning_count && list; i++) {
+        if (json_array_append_new(list, json_string(m->warnings[i])) != 0) {
+            json_decref(list);
+            list = NULL;
+        }
+    }
+    return list;
+}
+
 static json_t *tries_to_json(const struct factor_summary *s)
 {
     json_t *list = json_array();
@@ -244,7 +263,7 @@ static json_t *to_json(const struct nacre_material *m, const struct factor_summa
     json_t *object = error_to_json(&s->error, m, path);
     json_t *rest = json_pack(
         "{s:s, s:s, s:s, s:i, s:i, s:i, s:f, s:s, s:s, s:f, s:f, s:f, s:f, s:s, s:b, s:b, "
-        "s:f, s:o, s:O?}",
+        "s:f, s:o, s:o, s:O?}",
         "output", path, "method", m->method, "device", opencl->name, "terms", m->terms, "clusters",
         m->clusters, "iterations", m->iterations, "objective", s->objective, "stored",
         m->pixel == NACRE_HALF ? "half" : "float", "responses",
@@ -252,7 +271,7 @@ static json_t *to_json(const struct nacre_material *m, const struct factor_summa
         "seconds_clustering", s->seconds_clustering, "seconds_iterating", s->seconds_iterating,
         "seconds_measuring", s->seconds_measuring, "stopped_by", s->stopped_by, "error_held",
         s->error_held, "continued", s->continued, "seconds_per_iteration", s->seconds_step, "tried",
-        tries_to_json(s), "explained", explained);
+        tries_to_json(s), "warnings", warnings_to_json(m), "explained", explained);
     if (!object || !rest || json_object_update(rest, object) != 0) {
         json_decref(rest);
         rest = NULL;
@@ -272,6 +291,7 @@ static int print_result(const struct nacre_material *m, const struct factor_summ
         return json_print(to_json(m, summary, opencl, path, explained), error);
     }
     print_text(m, summary, opencl, path);
+    print_warnings(m);
     return NACRE_OK;
 }
 

@@ -6,6 +6,7 @@
 #include "factor/closing.h"
 #include "factor/factorize.h"
 #include "factor/probe.h"
+#include "factor/quality.h"
 #include "factor/search.h"
 
 /* Why an attempt ended. */
@@ -34,6 +35,7 @@ struct conductor {
 
     struct features features;
     struct probe probe;
+    struct quality quality;
     struct search search;
     struct attempt now, best; /* best: at rest; its ids are NULL while there is none */
     bool now_is_open;

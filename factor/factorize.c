@@ -167,6 +167,9 @@ static int begin(struct conductor *c, struct nacre_error *error)
                              random_bits((uint64_t)o->seed, STREAM_PROBE), error);
     }
     if (status == NACRE_OK) {
+        status = quality_measure(c->responses, &c->quality, error);
+    }
+    if (status == NACRE_OK) {
         status = conductor_resume(c, error);
     }
     c->seconds_clustering += conductor_seconds(c) - begun;
@@ -193,11 +196,15 @@ static int complete(struct conductor *c, struct nacre_material *m, struct factor
         status = closing_make(c->options, c->pitch_mm, a, m, &summary->error, error);
         c->seconds_measuring += conductor_seconds(c) - begun;
     }
+    if (status == NACRE_OK) {
+        status = quality_warn(&c->quality, c->options->error, m, error);
+    }
     if (status != NACRE_OK) {
         return status;
     }
-    (void)snprintf(m->method, sizeof m->method, "%s",
-                   c->options->method == FACTOR_METHOD_MU ? "mu" : "hals");
+    (void)snprintf(m->method, sizeof m->method, "%s%s",
+                   c->options->method == FACTOR_METHOD_MU ? "mu" : "hals",
+                   c->options->weight == FACTOR_WEIGHT_RESPONSE ? ", weight response" : "");
     m->iterations = a->history.count;
     m->history_count = (size_t)a->history.count;
     m->history_objective = a->history.objective;

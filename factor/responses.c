@@ -309,6 +309,12 @@ static float value_at(const struct responses *r, int channel, size_t index)
     return r->half ? imath_half_to_float(r->halves[channel][index]) : r->values[channel][index];
 }
 
+float responses_value(const struct responses *r, int channel, int x, int y, int u, int v)
+{
+    size_t index = responses_index(r, x, y, u, v);
+    return responses_is_measured(r, channel, index) ? value_at(r, channel, index) : (float)NAN;
+}
+
 void responses_get_row(const struct responses *r, int channel, int x, int y, int v, float *row)
 {
     int u0 = 0, u1 = 0, v0 = 0, v1 = 0;

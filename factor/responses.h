@@ -76,6 +76,9 @@ int responses_load(struct responses *responses, const struct nacre_scan *scan, i
                    enum responses_store store, struct progress *progress,
                    struct nacre_error *error);
 
+/* One entry in scaled units, NaN where not measured; of one outside the sample 0 or NaN. */
+float responses_value(const struct responses *responses, int channel, int x, int y, int u, int v);
+
 /* One channel of the response of (x, y) in scaled units: window[K][K], NaN where not measured or outside the sample. */
 void responses_get(const struct responses *responses, int channel, int x, int y, float *window);
 
