@@ -2,9 +2,15 @@
 #include "cmd/error_print.h"
 #include "cmd/json_print.h"
 #include "cmd/verbs.h"
+#include "factor/cross.h"
+#include "factor/layout.h"
+
+#include <stdio.h>
+#include <string.h>
 
 struct error_settings {
     const char *map;
+    bool cross;
 };
 
 static const struct option_spec error_options[] = {
@@ -14,16 +20,99 @@ static const struct option_spec error_options[] = {
      .argument = "FILE",
      .offset = offsetof(struct error_settings, map),
      .sentence = "write each surface point's error as an EXR image"},
+    {.name = "cross",
+     .letter = 'x',
+     .kind = OPTION_FLAG,
+     .offset = offsetof(struct error_settings, cross),
+     .sentence = "estimate the error against the noise-free response too, by factoring half of the "
+                 "scan anew"},
     {0}};
 
-static int print_result(const struct error_report *report, const struct nacre_material *material,
-                        const char *path, bool json, struct nacre_error *error)
+/* The options that a material was made with, as far as it tells: kernels are taken as average ones. */
+static int options_of(const struct nacre_material *m, struct factor_options *options,
+                      struct nacre_error *error)
 {
-    if (json) {
-        return json_print(error_to_json(report, material, path), error);
+    *options = factor_options_default();
+    if (m->layout != NACRE_KERNEL_SINGLE || m->mixed != 1) {
+        return nacre_fail(
+            error,
+            "--cross factors anew and knows the model of the paper alone: kernels \"single\", "
+            "each point in one cluster");
     }
-    error_print(report, material, path);
+    if (strncmp(m->method, "mu", 2) != 0 && strncmp(m->method, "hals", 4) != 0) {
+        return nacre_fail(error, "--cross factors anew and does not know the method \"%s\"",
+                          m->method);
+    }
+    options->method = m->method[0] == 'm' ? FACTOR_METHOD_MU : FACTOR_METHOD_HALS;
+    options->weight =
+        strstr(m->method, "weight response") ? FACTOR_WEIGHT_RESPONSE : FACTOR_WEIGHT_KERNEL;
+    options->terms = m->terms;
+    options->clusters = m->clusters;
+    options->iterations = m->iterations > 0 ? m->iterations : options->iterations;
+    options->tolerance = 0;
+    options->epsilon = m->epsilon;
+    options->seed = m->seed;
+    options->store = m->pixel == NACRE_HALF ? FACTOR_STORE_HALF : FACTOR_STORE_FLOAT;
     return NACRE_OK;
+}
+
+static int cross(const struct nacre_scan *scan, const struct nacre_material *material,
+                 const char *device, struct progress *progress, struct cross_report *report,
+                 struct nacre_error *error)
+{
+    struct factor_options options;
+    struct opencl opencl = {0};
+    struct responses responses = {0};
+    int status = options_of(material, &options, error);
+    if (status == NACRE_OK) {
+        status = opencl_open(device, &opencl, error);
+    }
+    if (status == NACRE_OK) {
+        status = responses_load(&responses, scan, layout_lanes(&opencl), RESPONSES_FLOAT, progress,
+                                error);
+    }
+    if (status == NACRE_OK) {
+        status = cross_measure(&responses, nacre_scan_info(scan)->pitch_mm, &options, &opencl,
+                               progress, report, error);
+    }
+    responses_finish(&responses);
+    opencl_close(&opencl);
+    return status;
+}
+
+static void print_cross(const struct cross_report *cross)
+{
+    if (cross->pairs == 0) {
+        printf("%-26s unknown: no two entries are reciprocal\n", "  noise-free, no centre");
+    } else {
+        printf("%-26s %.4f   (noise %.4f, by %zu reciprocal pairs)\n", "  noise-free, no centre",
+               cross->error, cross->noise, cross->pairs);
+    }
+}
+
+/* `cross` may be NULL. */
+static int print_result(const struct error_report *report, const struct nacre_material *material,
+                        const char *path, const struct cross_report *cross, bool json,
+                        struct nacre_error *error)
+{
+    if (!json) {
+        error_print(report, material, path);
+        if (cross) {
+            print_cross(cross);
+        }
+        return NACRE_OK;
+    }
+    json_t *object = error_to_json(report, material, path);
+    if (cross && object) {
+        json_t *part = cross->pairs ? json_pack("{s:f, s:f, s:I}", "error", cross->error, "noise",
+                                                cross->noise, "pairs", (json_int_t)cross->pairs)
+                                    : json_null();
+        if (json_object_set_new(object, "cross", part) != 0) {
+            json_decref(object);
+            object = NULL;
+        }
+    }
+    return json_print(object, error);
 }
 
 static int error_run(const void *settings, const struct invocation *invocation,
@@ -34,6 +123,7 @@ static int error_run(const void *settings, const struct invocation *invocation,
     struct nacre_scan *scan = NULL;
     struct nacre_material material = {0};
     struct error_report report = {0};
+    struct cross_report judged = {0};
     struct error_source source;
     struct progress progress = progress_begin("comparing", invocation->quiet);
     int status = nacre_scan_open(invocation->operands[0], &scan, error);
@@ -47,12 +137,16 @@ static int error_run(const void *settings, const struct invocation *invocation,
         source = error_source_scan(scan);
         status = error_measure(&source, &material, &progress, &report, error);
     }
+    if (status == NACRE_OK && s->cross) {
+        status = cross(scan, &material, invocation->device, &progress, &judged, error);
+    }
     progress_end(&progress);
     if (status == NACRE_OK && s->map) {
         status = error_map_write(s->map, &report, material.width, material.height, error);
     }
     if (status == NACRE_OK) {
-        status = print_result(&report, &material, path, invocation->json, error);
+        status = print_result(&report, &material, path, s->cross ? &judged : NULL, invocation->json,
+                              error);
     }
     error_report_finish(&report);
     nacre_material_finish(&material);
@@ -69,6 +163,13 @@ const struct verb verb_error = {
             "the least, the mean and the greatest, with and without the entry where light leaves "
             "at the point that it enters, which can hold most of a response's energy. Points that "
             "were not measured, or measured as exactly 0, are counted apart.\n\n"
+            "--cross estimates the error against the response without its noise: as light goes the "
+            "same way forth and "
+            "back, R(x_i, x_o) and R(x_o, x_i) are two measurements of one number. One of each "
+            "pair is factored, "
+            "with the material's settings, and judged by the other. The scan must be reciprocal; "
+            "`nacre factor` "
+            "warns where it is not.\n\n"
             "The sizes are those of Table 1 of Peers et al. 2006: the responses at 4 bytes a "
             "number, and every stored number of the material at its stored width.",
     .operand_minimum = 2,

@@ -140,6 +140,12 @@ static void explain(const struct conductor *c)
     explain_count(to, "clusters", o->clusters, c->search.clusters, c->search.most_clusters);
     explain_stops(c);
     tell(to, "error while iterating", "of %zu points", c->probe.count);
+    if (c->quality.pairs > 0) {
+        tell(to, "noise",
+             "about %.2g %% of a response, by %zu reciprocal pairs; beyond it these differ by %.2g "
+             "%%",
+             100 * c->quality.floor, c->quality.pairs, 100 * c->quality.reciprocity);
+    }
     if (c->continued) {
         tell(to, "continues", "from %s, after %d earlier tries and %d iterations", o->checkpoint,
              c->search.count, c->now_is_open ? attempt_iterations(&c->now) : 0);

@@ -56,32 +56,39 @@ struct totals {
     double all, rim;
 };
 
-static void add_entry(const struct responses *r, struct totals *t, float value, float largest,
-                      int u, int v)
+/* One row of a window that lies inside the sample from `first` to `end`. What is cut off by saturation is flat: of entries
+ * at the largest value those count that lie beside another. */
+static void add_line(const struct responses *r, struct totals *t, const float *line, float largest,
+                     int v, int first, int end)
 {
-    int end = r->window - 1;
-    t->entries++;
-    if (isnan(value)) {
-        t->missing++;
-        return;
+    bool rim_row = v == 0 || v == r->window - 1;
+    for (int u = first; u < end; u++) {
+        t->entries++;
+        if (isnan(line[u])) {
+            t->missing++;
+            continue;
+        }
+        bool beside =
+            (u > first && line[u - 1] == largest) || (u + 1 < end && line[u + 1] == largest);
+        t->brightest += largest > 0 && line[u] == largest && beside;
+        t->all += (double)line[u];
+        t->rim += rim_row || u == 0 || u == r->window - 1 ? (double)line[u] : 0;
     }
-    bool on_rim = u == 0 || v == 0 || u == end || v == end;
-    t->brightest += value == largest && largest > 0;
-    t->all += (double)value;
-    t->rim += on_rim ? (double)value : 0;
 }
 
-static void add_row(const struct responses *r, int channel, int y, float largest, struct totals *t)
+/* The responses of a row of points; `line`: [K]. */
+static void add_row(const struct responses *r, int channel, int y, float largest, float *line,
+                    struct totals *t)
 {
     int half = r->window / 2;
     for (int x = 0; x < r->width; x++) {
-        if (!r->measured[(size_t)y * (size_t)r->width + (size_t)x]) {
-            continue;
-        }
-        for (int i = 0; i < r->window * r->window; i++) {
-            int u = i % r->window, v = i / r->window;
-            if (is_inside(r, x + u - half, y + v - half)) {
-                add_entry(r, t, responses_value(r, channel, x, y, u, v), largest, u, v);
+        int first = x < half ? half - x : 0;
+        int end = x + half >= r->width ? r->width - x + half : r->window;
+        for (int v = 0; v < r->window && r->measured[(size_t)y * (size_t)r->width + (size_t)x];
+             v++) {
+            if (is_inside(r, x, y + v - half)) {
+                responses_get_row(r, channel, x, y, v, line);
+                add_line(r, t, line, largest, v, first, end);
             }
         }
     }
@@ -90,17 +97,19 @@ static void add_row(const struct responses *r, int channel, int y, float largest
 static int measure_entries(const struct responses *r, struct quality *q, struct nacre_error *error)
 {
     struct totals *rows = calloc((size_t)r->height, sizeof *rows), sum = {0};
+    float *lines = malloc((size_t)r->height * (size_t)r->window * sizeof *lines);
     double all = 0, rim = 0;
-    if (!rows) {
+    if (!rows || !lines) {
+        free(rows);
+        free(lines);
         return nacre_fail_memory(error, "the scan's figures");
     }
     for (int c = 0; c < r->channels; c++) {
         float largest = largest_of(r, c);
-        size_t brightest = sum.brightest;
 #pragma omp parallel for
         for (int y = first_of(r); y < r->height; y += stride_of(r)) {
             rows[y] = (struct totals){0};
-            add_row(r, c, y, largest, &rows[y]);
+            add_row(r, c, y, largest, lines + (size_t)y * (size_t)r->window, &rows[y]);
         }
         for (int y = first_of(r); y < r->height; y += stride_of(r)) {
             sum.entries += rows[y].entries;
@@ -109,11 +118,9 @@ static int measure_entries(const struct responses *r, struct quality *q, struct 
             all += ldexp(rows[y].all, r->exponent[c]);
             rim += ldexp(rows[y].rim, r->exponent[c]);
         }
-        if (sum.brightest == brightest + 1) {
-            sum.brightest--; /* something must be the brightest */
-        }
     }
     free(rows);
+    free(lines);
     q->missing = sum.entries ? (double)sum.missing / (double)sum.entries : 0;
     q->saturated = sum.entries ? (double)sum.brightest / (double)sum.entries : 0;
     q->rim = all > 0 ? rim / all : 0;
@@ -121,10 +128,9 @@ static int measure_entries(const struct responses *r, struct quality *q, struct 
 }
 
 /* Of each response whose window lies inside the sample and is measured whole, weighted alike. */
-static size_t sum_responses(const struct responses *r, double *mean, float *window)
+static void sum_responses(const struct responses *r, double *mean, float *window)
 {
     int half = r->window / 2, area = r->window * r->window;
-    size_t count = 0;
     for (int y = half; y + half < r->height; y += stride_of(r)) {
         for (int i = half * r->channels; i < (r->width - half) * r->channels; i++) {
             double sum = 0;
@@ -135,30 +141,39 @@ static size_t sum_responses(const struct responses *r, double *mean, float *wind
             for (int j = 0; j < area && sum > 0; j++) { /* not where an entry is missing */
                 mean[j] += (double)window[j] / sum;
             }
-            count += sum > 0;
         }
     }
-    return count;
+}
+
+static void find_peak(const struct responses *r, const double *mean, struct quality *q)
+{
+    int half = r->window / 2, area = r->window * r->window;
+    double largest = 0, weight = 0;
+    for (int i = 0; i < area; i++) {
+        largest = fmax(largest, mean[i]);
+    }
+    for (int i = 0; i < area && largest > 0; i++) {
+        int dx = i % r->window - half, dy = i / r->window - half;
+        double above = fmax(0, mean[i] - largest / 2);
+        weight += above;
+        q->peak_x += above * dx;
+        q->peak_y += above * dy;
+    }
+    q->peak_x = weight > 0 ? q->peak_x / weight : 0;
+    q->peak_y = weight > 0 ? q->peak_y / weight : 0;
 }
 
 static int measure_peak(const struct responses *r, struct quality *q, struct nacre_error *error)
 {
     size_t area = (size_t)r->window * (size_t)r->window;
-    double *mean = calloc(area, sizeof *mean), largest = 0, weight = 0;
+    double *mean = calloc(area, sizeof *mean);
     float *window = malloc(area * sizeof *window);
-    int status = mean && window ? NACRE_OK : nacre_fail_memory(error, "the mean response");
-    if (status == NACRE_OK && sum_responses(r, mean, window) > 0) {
-        for (size_t i = 0; i < area; i++) {
-            largest = fmax(largest, mean[i]);
-        }
-        for (size_t i = 0; i < area; i++) {
-            double above = fmax(0, mean[i] - largest / 2);
-            weight += above;
-            q->peak_x += above * ((int)(i % (size_t)r->window) - r->window / 2);
-            q->peak_y += above * ((int)(i / (size_t)r->window) - r->window / 2);
-        }
-        q->peak_x = weight > 0 ? q->peak_x / weight : 0;
-        q->peak_y = weight > 0 ? q->peak_y / weight : 0;
+    int status = NACRE_OK;
+    if (mean && window) {
+        sum_responses(r, mean, window);
+        find_peak(r, mean, q);
+    } else {
+        status = nacre_fail_memory(error, "the mean response");
     }
     free(mean);
     free(window);
@@ -330,7 +345,8 @@ static int warn(bool needed, struct nacre_material *m, struct nacre_error *error
     char text[400];
     va_list arguments;
     va_start(arguments, format);
-    (void)vsnprintf(text, sizeof text, format, arguments);
+    (void)vsnprintf(text, sizeof text, format,
+                    arguments); /* NOLINT(clang-analyzer-valist.Uninitialized) */
     va_end(arguments);
     return needed ? nacre_material_warn(m, text, error) : NACRE_OK;
 }

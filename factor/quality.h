@@ -11,7 +11,8 @@
 struct quality {
     double
         missing; /* share of entries inside the sample, of measured responses, that are missing */
-    double saturated; /* share of entries that hold the channel's largest value, where several do */
+    double
+        saturated; /* share of entries at the channel's largest value, two or more side by side */
     double peak_x,
         peak_y; /* of the mean response, in points from the centre: its middle above half its peak */
     double rim;         /* share of the responses' sum that lies on the rim of the window */

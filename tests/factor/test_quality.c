@@ -1,5 +1,5 @@
 /* Figures of a scan against what was put into it. */
-#include "sample.h"
+#include "flawed.h"
 
 #include "factor/quality.h"
 #include "factor/random.h"
@@ -20,37 +20,9 @@ void tearDown(void)
 {
 }
 
-/* Normal deviate of an entry. */
-static double deviate(uint64_t number)
-{
-    double u = random_uniform(31, 2 * number) + 1e-12, v = random_uniform(31, 2 * number + 1);
-    return sqrt(-2 * log(u)) * cos(6.283185307179586 * v);
-}
-
-struct flaws {
-    double noise;          /* standard deviation */
-    double gain;           /* of the points' own brightness as x_o alone, from side to side */
-    double peak_x, peak_y; /* off the centre */
-    double length;         /* of the fall-off */
-    double ceiling;        /* values above saturate */
-};
-
-/* A reciprocal sample of slowly varying albedo, with these flaws. */
 static struct sample make(struct flaws flaws)
 {
-    struct sample s = sample_new(WIDTH, HEIGHT, 1, WINDOW, 5);
-    int half = WINDOW / 2, area = WINDOW * WINDOW;
-    for (int i = 0; i < WIDTH * HEIGHT * area; i++) {
-        int x = i / area % WIDTH, y = i / area / WIDTH;
-        int dx = i % WINDOW - half, dy = i / WINDOW % WINDOW - half, xo = x + dx, yo = y + dy;
-        double albedo = (1 + 0.3 * sin(0.3 * x)) * (1 + 0.3 * sin(0.3 * xo));
-        double gain = 1 + flaws.gain * ((double)xo / WIDTH - 0.5);
-        double value =
-            gain * albedo * exp(-hypot(dx - flaws.peak_x, dy - flaws.peak_y) / flaws.length);
-        value = fmin(value + flaws.noise * deviate((uint64_t)i), flaws.ceiling);
-        s.responses[i] = xo < 0 || xo >= WIDTH || yo < 0 || yo >= HEIGHT ? 0 : (float)value;
-    }
-    return s;
+    return flawed_sample(WIDTH, HEIGHT, WINDOW, flaws);
 }
 
 static const struct flaws flawless = {.length = 1, .ceiling = INFINITY};
@@ -144,8 +116,6 @@ static void gains_are_told_from_noise(void)
     struct quality noisy = measure_flaws(flawed);
     flawed.gain = 0;
     struct quality reference = measure_flaws(flawed);
-    printf("%g %g | %g %g | %g %g\n", clean.reciprocity, clean.noise, noisy.reciprocity,
-           noisy.noise, reference.reciprocity, reference.noise);
     TEST_ASSERT_TRUE(clean.reciprocity > 0.05);
     TEST_ASSERT_TRUE(clean.noise < 0.01 * clean.reciprocity);
     TEST_ASSERT_DOUBLE_WITHIN(0.05 * clean.reciprocity, clean.reciprocity, noisy.reciprocity);
@@ -181,7 +151,7 @@ static void a_window_that_is_too_small_is_told(void)
 static void saturation_is_told(void)
 {
     struct flaws flawed = flawless;
-    flawed.ceiling = 0.5;
+    flawed.ceiling = 0.2;
     struct quality q = measure_flaws(flawed);
     TEST_ASSERT_TRUE(q.saturated > 0.01);
     TEST_ASSERT_NOT_NULL(strstr(warn(&q, 1), "the scan is saturated there"));
