@@ -19,6 +19,23 @@ size_t exposer_retries(const struct exposer *exposer)
     return sum;
 }
 
+static int64_t sum_times(const struct exposer_times *times)
+{
+    return times->exposing_ns + times->readout_ns + times->flip_ns + times->trigger_ns +
+           times->retakes_ns;
+}
+
+void exposer_discard(struct exposer *exposer, const struct exposer *before)
+{
+    int64_t lost_ns = sum_times(&exposer->times) - sum_times(&before->times);
+    int64_t checks_ns = exposer->times.checks_ns;
+    exposer->times = before->times;
+    exposer->times.checks_ns = checks_ns;
+    exposer->times.retakes_ns += lost_ns;
+    exposer->exposures = before->exposures;
+    exposer->retaken[RETAKE_SHOW]++;
+}
+
 static int64_t *account(struct exposer *exposer, int64_t *of)
 {
     return exposer->checking ? &exposer->times.checks_ns : of;

@@ -12,7 +12,7 @@
 
 /* Why something was done again. */
 enum retake {
-    RETAKE_SHOW,    /* the projector did not show the pattern */
+    RETAKE_SHOW, /* the projector did not show the pattern, or not until its exposures were done */
     RETAKE_TRIGGER, /* camera or trigger refused: a pulse that was late or of wrong length */
     RETAKE_LOST,    /* no frame came, or a damaged one */
     RETAKE_UNSHOWN, /* triggered before the pattern was on the glass */
@@ -62,6 +62,9 @@ int exposer_show(struct exposer *exposer, const uint8_t *levels, int64_t *flip_n
  *   the camera's count went on by one.
  * Anything else is taken again. */
 int exposer_expose(struct exposer *exposer, struct exposure *exposure, struct nacre_error *error);
+
+/* What was shown and exposed since `before`, a copy of *exposer then, counts for nothing: it is a retake of the pattern. */
+void exposer_discard(struct exposer *exposer, const struct exposer *before);
 
 /* All retakes. */
 size_t exposer_retries(const struct exposer *exposer);

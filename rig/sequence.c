@@ -85,12 +85,35 @@ static int make_frames(const struct run *run, struct pattern pattern, struct pat
     return NACRE_OK;
 }
 
+/* Show run->levels and take every exposure of them; again from the beginning where the pattern did not stay on the glass. */
+static int show_and_expose(struct run *run, struct pattern_frames *frames,
+                           struct nacre_error *error)
+{
+    struct projector *projector = run->devices->projector;
+    for (int tries = run->exposer.retries;; tries--) {
+        const struct exposer before = run->exposer;
+        int64_t flip_ns = 0;
+        int status = exposer_show(&run->exposer, run->levels, &flip_ns, error);
+        for (size_t i = 0; i < frames->count && status == NACRE_OK; i++) {
+            frames->exposures[i].flip_ns = flip_ns;
+            status = exposer_expose(&run->exposer, &frames->exposures[i], error);
+        }
+        if (status != NACRE_OK || !projector->ops->confirm) {
+            return status;
+        }
+        status = projector->ops->confirm(projector, error);
+        if (status != NACRE_FAILED || tries == 0) {
+            return status;
+        }
+        exposer_discard(&run->exposer, &before);
+    }
+}
+
 /* Show one pattern, expose it and hand its frames to the writer. */
 static int measure(struct run *run, struct pattern pattern, struct nacre_error *error)
 {
-    struct projector *projector = run->devices->projector;
+    const struct projector *projector = run->devices->projector;
     struct pattern_frames frames = {0};
-    int64_t flip_ns = 0;
     int status = make_frames(run, pattern, &frames, error);
     if (status != NACRE_OK) {
         goto out;
@@ -100,14 +123,7 @@ static int measure(struct run *run, struct pattern pattern, struct nacre_error *
         goto out;
     }
     plan_draw(&run->session->plan, pattern, projector->width, projector->height, run->levels);
-    status = exposer_show(&run->exposer, run->levels, &flip_ns, error);
-    for (size_t i = 0; i < frames.count && status == NACRE_OK; i++) {
-        frames.exposures[i].flip_ns = flip_ns;
-        status = exposer_expose(&run->exposer, &frames.exposures[i], error);
-    }
-    if (status == NACRE_OK && projector->ops->confirm) {
-        status = projector->ops->confirm(projector, error);
-    }
+    status = show_and_expose(run, &frames, error);
     if (status == NACRE_FAILED) {
         (void)nacre_fail_within(error, "pattern %s %d", pattern_kind_names[pattern.kind],
                                 pattern.number);

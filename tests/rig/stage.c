@@ -197,13 +197,18 @@ static int begin_pattern(void *context, const struct sequence_moment *moment,
     return NACRE_OK;
 }
 
+struct sequence_operator stage_operator(struct operator_log *log, struct virtual_station *station)
+{
+    log->station = station;
+    return (struct sequence_operator){
+        .context = log, .white_layer = lay_white_layer, .pattern_begins = begin_pattern};
+}
+
 int stage_scan(const struct session *session, enum fault fault, int when, int retries,
                struct operator_log *log, struct sequence_result *result, struct nacre_error *error)
 {
     struct virtual_station *station = NULL;
     const struct sequence_options options = {.retries = retries};
-    struct sequence_operator person = {
-        .context = log, .white_layer = lay_white_layer, .pattern_begins = begin_pattern};
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, virtual_station_new(&session->station, &station, error),
                                   error->text);
     struct faulty_camera camera = faulty_camera(virtual_station_camera(station), fault, when);
@@ -211,7 +216,7 @@ int stage_scan(const struct session *session, enum fault fault, int when, int re
                               .projector = virtual_station_projector(station),
                               .trigger = virtual_station_trigger(station),
                               .clock = virtual_station_clock(station)};
-    log->station = station;
+    const struct sequence_operator person = stage_operator(log, station);
     int status = sequence_run(&devices, session, &person, &options, NULL, result, error);
     virtual_station_free(station);
     return status;

@@ -65,6 +65,9 @@ struct operator_log {
     int raise_at; /* SIGINT when so many patterns have begun; 0: never */
 };
 
+/* The operator who obeys at once and keeps the log. */
+struct sequence_operator stage_operator(struct operator_log *log, struct virtual_station *station);
+
 /* Measure what `session` lacks on a new virtual station with the fault. */
 int stage_scan(const struct session *session, enum fault fault, int when, int retries,
                struct operator_log *log, struct sequence_result *result, struct nacre_error *error);

@@ -215,6 +215,70 @@ static void retakes_are_counted_by_reason(void)
     }
 }
 
+/* A projector of which the patterns are gone at the `when`-th question, from 0, and after that `fails` times. */
+static struct {
+    struct projector base, *inner;
+    int when, fails, asked;
+} fickle;
+
+static int show_steadily(struct projector *projector, const uint8_t *levels, int64_t *flip_ns,
+                         struct nacre_error *failure)
+{
+    (void)projector;
+    return fickle.inner->ops->show(fickle.inner, levels, flip_ns, failure);
+}
+
+static int confirm_seldom(struct projector *projector, struct nacre_error *failure)
+{
+    (void)projector;
+    int number = fickle.asked++;
+    return number >= fickle.when && number < fickle.when + fickle.fails
+               ? nacre_fail(failure, "projector fickle: its picture is gone")
+               : NACRE_OK;
+}
+
+static int scan_with_fickle_projector(int when, int fails, int retries)
+{
+    static const struct projector_ops ops = {
+        .name = "fickle", .show = show_steadily, .confirm = confirm_seldom};
+    struct virtual_station *station = NULL;
+    const struct sequence_options options = {.retries = retries};
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, virtual_station_new(&session.station, &station, &error));
+    fickle.inner = virtual_station_projector(station);
+    fickle.base = *fickle.inner;
+    fickle.base.ops = &ops;
+    fickle.when = when;
+    fickle.fails = fails;
+    fickle.asked = 0;
+    struct devices devices = {virtual_station_camera(station), &fickle.base,
+                              virtual_station_trigger(station), virtual_station_clock(station)};
+    const struct sequence_operator person = stage_operator(&log_, station);
+    int status = sequence_run(&devices, &session, &person, &options, NULL, &result, &error);
+    virtual_station_free(station);
+    return status;
+}
+
+/* Two exposures more than are kept, and their read-outs. */
+static void pattern_that_left_the_glass_is_measured_again(void)
+{
+    uint64_t expected = undisturbed();
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, scan_with_fickle_projector(4, 1, 1), error.text);
+    retaken_once_for(RETAKE_SHOW);
+    TEST_ASSERT_EQUAL_INT(2 * STAGE_PATTERNS, result.exposures);
+    TEST_ASSERT_EQUAL_INT(STAGE_PATTERNS, result.patterns);
+    TEST_ASSERT_EQUAL_INT64(2 * STAGE_PATTERNS * 10000000, result.times.stages.readout_ns);
+    TEST_ASSERT_TRUE(result.times.stages.retakes_ns > 153000000);
+    TEST_ASSERT_EQUAL_INT64(0, result.times.rest_ns);
+    TEST_ASSERT_TRUE(hash_frames() == expected);
+}
+
+static void pattern_that_never_stays_stops_the_scan(void)
+{
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, scan_with_fickle_projector(4, 3, 2));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "its picture is gone"), error.text);
+    TEST_ASSERT_EQUAL_INT(4, result.patterns);
+}
+
 static void frame_that_begins_early_within_the_tolerance_counts(void)
 {
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, scan(FAULT_JITTER, 9, 0), error.text);
@@ -439,6 +503,8 @@ int main(void)
     RUN_TEST(time_of_retakes_is_told_apart);
     RUN_TEST(waits_of_the_person_are_told_apart);
     RUN_TEST(retakes_are_counted_by_reason);
+    RUN_TEST(pattern_that_left_the_glass_is_measured_again);
+    RUN_TEST(pattern_that_never_stays_stops_the_scan);
     RUN_TEST(frame_that_begins_early_within_the_tolerance_counts);
     RUN_TEST(tolerance_is_the_stations_where_none_is_given);
     RUN_TEST(late_frame_is_taken_again);
