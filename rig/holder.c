@@ -16,7 +16,8 @@ static bool is_device(const char *path, dev_t device)
     return stat(path, &found) == 0 && S_ISCHR(found.st_mode) && found.st_rdev == device;
 }
 
-static void name_process(long process, char *holder, size_t size)
+/* Write the text for a process; whether it has the device for itself. */
+static bool name_process(long process, char *holder, size_t size)
 {
     char path[64];
     char name[32] = "";
@@ -29,6 +30,7 @@ static void name_process(long process, char *holder, size_t size)
         (void)fclose(file);
     }
     (void)snprintf(holder, size, "%s (process %ld)", name[0] ? name : "a program", process);
+    return strcmp(name, "systemd-logind") != 0;
 }
 
 void holder_find(const char *path, char *holder, size_t size)
@@ -41,11 +43,11 @@ void holder_find(const char *path, char *holder, size_t size)
         globfree(&files);
         return;
     }
-    for (size_t i = 0; i < files.gl_pathc; i++) {
+    bool named = false;
+    for (size_t i = 0; i < files.gl_pathc && !named; i++) {
         long process = strtol(files.gl_pathv[i] + strlen("/proc/"), NULL, 10);
         if (process != (long)getpid() && is_device(files.gl_pathv[i], device.st_rdev)) {
-            name_process(process, holder, size);
-            break;
+            named = name_process(process, holder, size);
         }
     }
     globfree(&files);

@@ -236,17 +236,17 @@ static void every_pixel_is_exact_in_what_the_card_sends(void)
     }
 }
 
-/* A program called `holder` that has taken the display, until it is ended. */
-static pid_t hold(void)
+/* A program that has the display open, and has taken it if it `takes`, until it is ended. */
+static pid_t hold(const char *name, bool takes)
 {
     int ready[2];
     char byte = 0;
     TEST_ASSERT_EQUAL_INT(0, pipe(ready));
     pid_t child = fork();
     if (child == 0) {
-        (void)prctl(PR_SET_NAME, "holder");
+        (void)prctl(PR_SET_NAME, name);
         int file = open(screen.path, O_RDWR);
-        byte = (char)(file >= 0 && drmSetMaster(file) == 0);
+        byte = (char)(file >= 0 && (takes ? drmSetMaster(file) : drmDropMaster(file)) == 0);
         (void)!write(ready[1], &byte, 1);
         for (;;) {
             (void)pause();
@@ -263,13 +263,17 @@ static void display_that_another_program_has_is_refused_and_the_program_named(vo
 {
     struct projector_egl_settings chosen = settings();
     char expected[96];
-    pid_t child = hold();
+    /* Session managers have every display open, but for others. */
+    pid_t manager = hold("systemd-logind", false);
+    pid_t child = hold("holder", true);
     (void)snprintf(expected, sizeof expected, "projector %s: is in use by holder (process %d)",
                    screen.path, (int)child);
     refuses(&chosen, expected);
     TEST_ASSERT_EQUAL_INT(0, kill(child, SIGKILL));
     TEST_ASSERT_EQUAL_INT(child, waitpid(child, NULL, 0));
     open_projector(&chosen);
+    TEST_ASSERT_EQUAL_INT(0, kill(manager, SIGKILL));
+    TEST_ASSERT_EQUAL_INT(manager, waitpid(manager, NULL, 0));
 }
 
 static void what_the_card_or_the_projector_does_not_have_is_told(void)
