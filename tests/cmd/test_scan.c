@@ -101,7 +101,7 @@ static void calibration_of_another_station_is_refused(void)
     char *text = (char *)file_read(station, &size);
     char *place = strstr(text, "elevation_deg: 12");
     TEST_ASSERT_NOT_NULL(place);
-    memcpy(place, "elevation_deg: 13", 17);
+    place[strlen("elevation_deg: 1")] = '3';
     text_write(station, text);
     scan(third, "--calibration", first);
     TEST_ASSERT_EQUAL_INT(1, ran.status);
