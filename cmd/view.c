@@ -4,6 +4,7 @@
 #include "cmd/stand.h"
 #include "cmd/verbs.h"
 #include "rig/camera_format.h"
+#include "rig/develop/calibrate.h"
 #include "rig/develop/framing.h"
 #include "rig/exposer.h"
 #include "rig/frame_compare.h"
@@ -18,7 +19,7 @@ static const char *const patterns[] = {"white", "dots", "grid", NULL};
 enum { SHOW_WHITE, SHOW_DOTS, SHOW_GRID };
 
 struct view_settings {
-    const char *station, *output;
+    const char *station, *output, *calibration;
     int pattern;
     double exposure_ms;
 };
@@ -44,6 +45,13 @@ static const struct option_spec view_options[] = {
      .fallback = "white",
      .offset = offsetof(struct view_settings, pattern),
      .sentence = "what the projector shows; dots are best for the focus"},
+    {.name = "calibration",
+     .letter = 'c',
+     .kind = OPTION_STRING,
+     .argument = "SESSION",
+     .offset = offsetof(struct view_settings, calibration),
+     .sentence = "draw the region where the calibration of this session has it, instead of where "
+                 "light is found"},
     {.name = "exposure",
      .kind = OPTION_REAL,
      .argument = "MS",
@@ -61,6 +69,9 @@ enum { EXPOSURES = 8 };
 static const double saturated_share = 0.001;
 
 enum { BLACK, WHITE, SHOWN, AGAIN, FRAMES };
+
+/* Of black, which has no part in where the region lies. */
+static const double confidence = 0.95;
 
 struct view {
     struct station station;
@@ -172,7 +183,37 @@ static int take_frames(struct view *view, const struct view_settings *settings,
     return status;
 }
 
-static int look(struct view *view, const char *output, struct nacre_error *error)
+/* The corners of the sample's region by the calibration of a session, whose frames are part of what is seen here. */
+static int place_by_calibration(struct view *view, const char *path, struct nacre_error *error)
+{
+    const struct camera *camera = view->stand.devices.camera;
+    struct session session = {0};
+    struct calibration calibration = {.white_frames = 0};
+    struct visit_progress progress = {.total = 1};
+    int status = session_open(path, &session, error);
+    if (status == NACRE_OK) {
+        status = calibrate(&session, BLACK_SUBTRACT, confidence, &progress, &calibration, error);
+    }
+    if (status == NACRE_OK) {
+        const struct station *station = &session.station;
+        double right = station->sample.width;
+        double bottom = station->sample.height;
+        const struct point surface[4] = {{0, 0}, {right, 0}, {right, bottom}, {0, bottom}};
+        struct point corners[4];
+        for (int i = 0; i < 4; i++) {
+            corners[i] = camera_map_apply(&calibration.map, surface[i]);
+            corners[i].x += station->camera.v4l2.left;
+            corners[i].y += station->camera.v4l2.top;
+        }
+        framing_place(&view->framing, corners, camera->width, camera->height);
+    }
+    calibration_finish(&calibration);
+    session_finish(&session);
+    return status;
+}
+
+static int look(struct view *view, const char *output, const char *calibration,
+                struct nacre_error *error)
 {
     const struct camera *camera = view->stand.devices.camera;
     size_t pixels = pixels_of(view);
@@ -186,6 +227,9 @@ static int look(struct view *view, const char *output, struct nacre_error *error
         .full_scale = (1 << camera->bits) - 1,
         .bayer = camera->bayer};
     int status = framing_look(&frames, &view->framing, error);
+    if (status == NACRE_OK && calibration) {
+        status = place_by_calibration(view, calibration, error);
+    }
     if (status == NACRE_OK) {
         status = framing_draw(&frames, &view->framing, &picture, error);
     }
@@ -280,7 +324,7 @@ static int run(const void *values, const struct invocation *invocation, struct n
         status = take_frames(&view, settings, error);
     }
     if (status == NACRE_OK) {
-        status = look(&view, settings->output, error);
+        status = look(&view, settings->output, settings->calibration, error);
     }
     if (status == NACRE_OK && invocation->json) {
         status = print_json(&view, settings->output, error);

@@ -67,6 +67,15 @@ static int find_region(const struct framing_frames *frames, struct framing *fram
     return NACRE_OK;
 }
 
+void framing_place(struct framing *framing, const struct point corners[4], int width, int height)
+{
+    framing->found = true;
+    for (int i = 0; i < 4; i++) {
+        framing->corners[i] = corners[i];
+    }
+    framing->crop = box_around(corners, width, height);
+}
+
 /* Product of a slope in one frame with the same in the other: their noises are independent. */
 static double slopes_at(const struct framing_frames *frames, size_t i, size_t stride)
 {

@@ -40,6 +40,9 @@ extern const double framing_margin_share;
 int framing_look(const struct framing_frames *frames, struct framing *framing,
                  struct nacre_error *error);
 
+/* Where the region lies is known better: by a calibration. */
+void framing_place(struct framing *framing, const struct point corners[4], int width, int height);
+
 /* The pattern in colour, grey where the white frame is grey; the region's outline green, saturated pixels magenta. */
 int framing_draw(const struct framing_frames *frames, const struct framing *framing,
                  struct picture *picture, struct nacre_error *error);

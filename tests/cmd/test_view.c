@@ -120,6 +120,37 @@ static void region_is_what_the_projector_lights(void)
     TEST_ASSERT_EQUAL_DOUBLE(0, share_of(1, 0, 1));
 }
 
+/* By calibration the corners are those of the camera's map, good to a tenth of a pixel: the projector's picture is centred, and
+ * narrower at its far edge, the upper one. */
+static void region_is_known_by_calibration(void)
+{
+    char *session = path_join(folder, "session");
+    const char *const scan[] = {program, "scan", session, "--station", station, NULL};
+    const char *const look[] = {program, "view",          "--station", station,  "-o",
+                                output,  "--calibration", session,     "--json", NULL};
+    double x[4];
+    double y[4];
+    ran = spawn(scan, NULL);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(0, ran.status, ran.errors);
+    spawned_finish(&ran);
+    ran = spawn(look, NULL);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(0, ran.status, ran.errors);
+    result = json_loads(ran.output, 0, NULL);
+    const json_t *corners = json_object_get(json_object_get(result, "region"), "corners");
+    for (size_t i = 0; i < 4; i++) {
+        x[i] = json_number_value(json_array_get(json_array_get(corners, i), 0));
+        y[i] = json_number_value(json_array_get(json_array_get(corners, i), 1));
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(0.1, WIDTH, x[0] + x[1]);
+    TEST_ASSERT_DOUBLE_WITHIN(0.1, WIDTH, x[3] + x[2]);
+    TEST_ASSERT_DOUBLE_WITHIN(0.1, y[0], y[1]);
+    TEST_ASSERT_DOUBLE_WITHIN(0.1, y[2], y[3]);
+    TEST_ASSERT_DOUBLE_WITHIN(1, 80, (x[1] - x[0] + x[2] - x[3]) / 2);
+    /* cos 12 of 64 pixels */
+    TEST_ASSERT_DOUBLE_WITHIN(0.3, 62.6, y[3] - y[0]);
+    free(session);
+}
+
 static void saturated_pixels_are_counted_and_marked(void)
 {
     view("white", "20000");
@@ -195,6 +226,7 @@ int main(int argc, char **argv)
     program = argv[1];
     UNITY_BEGIN();
     RUN_TEST(region_is_what_the_projector_lights);
+    RUN_TEST(region_is_known_by_calibration);
     RUN_TEST(saturated_pixels_are_counted_and_marked);
     RUN_TEST(exposure_is_whole_turns);
     RUN_TEST(focus_falls_as_the_lens_is_defocused);
