@@ -65,11 +65,11 @@ static void sleep_us(int64_t time_us)
 /* Send the signal as the circumstances want; a file that never comes is waited for in vain for a minute. */
 static void interrupt(pid_t child, const struct circumstances *around)
 {
-    for (int i = 0; around->interrupt_path && i < 6000; i++) {
+    for (int i = 0; around->interrupt_path && i < 30000; i++) {
         if (access(around->interrupt_path, F_OK) == 0) {
             break;
         }
-        sleep_us(10000);
+        sleep_us(2000);
     }
     if (around->interrupt_path || around->interrupt_ms || around->interrupt_us) {
         sleep_us((int64_t)around->interrupt_ms * 1000 + around->interrupt_us);

@@ -18,7 +18,7 @@
 #include <time.h>
 #include <unistd.h>
 
-enum { LEFT = 301, TOP = 203, LIMIT_S = 60 };
+enum { LEFT = 301, TOP = 203, LIMIT_S = 200 };
 /* 1 white, 4 dots, 2 black, 16 grids. */
 enum { PATTERNS = 23, EXPOSURES = 2 * PATTERNS };
 
