@@ -13,7 +13,7 @@ struct rig_devices {
     size_t camera_count;
     struct display_card *cards;
     size_t card_count;
-    char refused[64]; /* a card that may not be opened; may be empty */
+    char refused[DISPLAY_PATH]; /* a card that may not be opened; may be empty */
     struct gpio_listed *chips;
     size_t chip_count;
 };

@@ -106,7 +106,7 @@ int display_choose_card(const struct display_card *cards, size_t count, const ch
             return NACRE_OK;
         }
         for (size_t k = 0; k < cards[i].connector_count; k++) {
-            char entry[128];
+            char entry[DISPLAY_NAME];
             (void)snprintf(entry, sizeof entry, "%s of %s", cards[i].connectors[k].name,
                            cards[i].path);
             add(&list, entry);

@@ -22,9 +22,12 @@ struct display_connector {
     size_t mode_count;
 };
 
+/* Room for a device node's path, and for it with a connector in a message. */
+enum { DISPLAY_PATH = 256, DISPLAY_NAME = 320 };
+
 struct display_card {
-    char path[64];   /* of the device node */
-    char driver[32]; /* what the kernel's driver calls itself */
+    char path[DISPLAY_PATH]; /* of the device node */
+    char driver[32];         /* what the kernel's driver calls itself */
     struct display_connector *connectors;
     size_t connector_count;
 };

@@ -29,7 +29,7 @@ static const char fragment_text[] = "precision highp float;\n"
                                     "}\n";
 
 struct display_gl {
-    char name[128];
+    char name[DISPLAY_NAME];
     char renderer[128];
     int file;
     int width, height;

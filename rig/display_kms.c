@@ -22,8 +22,8 @@ static const int64_t flip_limit_ns = 1000000000;
 struct display {
     struct clock *clock;
     int file;
-    char name[128];
-    char path[64];
+    char name[DISPLAY_NAME];
+    char path[DISPLAY_PATH];
     uint32_t connector, crtc, plane;
     struct display_mode mode;
     drmModeCrtc *former; /* what the CRTC showed */
@@ -59,7 +59,7 @@ static int choose_path(const struct display_settings *settings, char *path, size
     struct display_card *cards = NULL;
     size_t count = 0;
     size_t chosen = 0;
-    char refused[64];
+    char refused[DISPLAY_PATH];
     if (settings->device) {
         (void)snprintf(path, size, "%s", settings->device);
         return NACRE_OK;

@@ -16,7 +16,7 @@ struct projector_egl_settings {
 
 /* What became of the settings, for a person to read. */
 struct projector_egl_info {
-    char name[128]; /* "projector HDMI-A-1 (/dev/dri/card0)" */
+    char name[DISPLAY_NAME]; /* "projector HDMI-A-1 (/dev/dri/card0)" */
     char mode[DISPLAY_MODE_TEXT];
     char renderer[128]; /* what draws */
     int64_t refresh_ns;

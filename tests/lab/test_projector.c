@@ -309,6 +309,9 @@ static void nodes_that_are_no_display_are_told(void)
     struct projector_egl_settings chosen = settings();
     chosen.display.device = "/dev/dri/card7";
     refuses(&chosen, "projector /dev/dri/card7: is not there");
+    chosen.display.device =
+        "/dev/nacre/display-pci-0000:00:14.0-usb-0:2.1.4.3.2:1.0-or-even-longer";
+    refuses(&chosen, "usb-0:2.1.4.3.2:1.0-or-even-longer: is not there");
     chosen.display.device = "/dev/null";
     refuses(&chosen, "projector /dev/null: is no graphics card that sets modes");
 }
