@@ -1,5 +1,6 @@
 /* nacre error: how far a material is from the scan it was made of. */
 #include "cmd/error_print.h"
+#include "cmd/error_scans.h"
 #include "cmd/json_print.h"
 #include "cmd/verbs.h"
 #include "factor/cross.h"
@@ -125,6 +126,11 @@ static int error_run(const void *settings, const struct invocation *invocation,
     struct error_report report = {0};
     struct cross_report judged = {0};
     struct error_source source;
+    if (error_is_scan(path)) {
+        return s->map || s->cross
+                   ? nacre_fail(error, "%s: is a scan; --map and --cross go with a material", path)
+                   : error_compare_scans(invocation, error);
+    }
     struct progress progress = progress_begin("comparing", invocation->quiet);
     int status = nacre_scan_open(invocation->operands[0], &scan, error);
     if (status == NACRE_OK) {
@@ -162,7 +168,8 @@ const struct verb verb_error = {
             "over the measured entries of its window inside the sample, all channels. Printed are "
             "the least, the mean and the greatest, with and without the entry where light leaves "
             "at the point that it enters, which can hold most of a response's energy. Points that "
-            "were not measured, or measured as exactly 0, are counted apart.\n\n"
+            "were not measured, or measured as exactly 0, are counted apart. A second scan in the "
+            "material's place is compared the same way: a developed one with exact responses.\n\n"
             "--cross estimates the error against the response without its noise: as light goes the "
             "same way forth and "
             "back, R(x_i, x_o) and R(x_o, x_i) are two measurements of one number. One of each "

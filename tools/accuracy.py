@@ -1,0 +1,110 @@
+#!/usr/bin/env python3
+"""Tells how much each effect adds to the error of developed responses: scans a virtual sample with all effects and with
+each forbidden in turn, compares with the exact responses, and prints the table of docs/accuracy.md.
+
+usage: accuracy.py NACRE [FOLDER]     (about four minutes on one core)
+"""
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import tempfile
+
+ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
+SAMPLE = os.path.join(ROOT, 'rig/samples/demo.yaml')
+WINDOW, SPACING, GRIDS = 25, 25, 200
+
+
+def nacre(*arguments):
+    """What one nacre command says, as JSON."""
+    done = subprocess.run([program, *arguments, '--quiet', '--json'], cwd=folder, check=False, capture_output=True,
+                          text=True)
+    if done.returncode != 0:
+        sys.exit(f'accuracy: nacre {" ".join(arguments)} failed: {done.stderr.strip()}')
+    return json.loads(done.stdout) if done.stdout.strip() else {}
+
+
+def settings(name, without=(), spacing=SPACING, **changes):
+    """Write a station and its plan for the effects that are left."""
+    with open(os.path.join(ROOT, 'rig/examples/station.yaml'), encoding='utf-8') as file:
+        station = file.read()
+    station = station.replace('../samples/demo.yaml', SAMPLE).replace('plan.yaml', f'{name}-plan.yaml')
+    for key, value in changes.items():
+        station, count = re.subn(rf'(?m)^( +{key}:) [^\s#]+', rf'\1 {value}', station)
+        assert count, key
+    if without:
+        station += f'without: [{", ".join(without)}]\n'
+    with open(os.path.join(ROOT, 'rig/examples/plan.yaml'), encoding='utf-8') as file:
+        plan = file.read().replace('grid_spacing: 25', f'grid_spacing: {spacing}\ngrid_patterns: {GRIDS}')
+    for what, text in (('station', station), ('plan', plan)):
+        with open(os.path.join(folder, f'{name}-{what}.yaml'), 'w', encoding='utf-8') as file:
+            file.write(text)
+
+
+def error_of(name, *options):
+    """Develop a session and compare it with the exact responses: (mean error, bias, what develop says)."""
+    report = nacre('develop', name, '-o', 'scan.exr', *options)
+    difference = nacre('error', 'exact.exr', 'scan.exr')
+    return difference['mean'], difference['bias'], report
+
+
+def measure(name, *options, dots_of=None, **station):
+    """Scan and develop with the effects of `station`; the dots patterns may be those of another session."""
+    settings(name, **station)
+    if not os.path.exists(os.path.join(folder, name)):
+        nacre('scan', name, '--station', f'{name}-station.yaml')
+    if dots_of:
+        calibration = os.path.join(folder, name, 'calibration')
+        for file in os.listdir(calibration):
+            if file.startswith('dots'):
+                shutil.copy(os.path.join(folder, dots_of, 'calibration', file), os.path.join(calibration, file))
+    return error_of(name, *options)
+
+
+def percent(value):
+    return f'{100 * value:.2f} %'
+
+
+def row(what, result, full):
+    """What forbidding it takes off, in squares, as independent errors add."""
+    gain = full[0] ** 2 - result[0] ** 2
+    share = percent(gain ** 0.5) if gain > 0 else 'none'
+    print(f'| {what} | {percent(result[0])} | {share} | {100 * result[1]:+.2f} % |', flush=True)
+
+
+def main():
+    nacre('simulate', SAMPLE, '-o', 'exact.exr', '--window', str(WINDOW))
+    full = measure('full')
+    print('| forbidden | error without it | its part | sum off by |\n| --- | --- | --- | --- |')
+    row('nothing', full, full)
+    row('shot noise', measure('shot', without=['shot noise']), full)
+    row('read noise', measure('read', without=['read noise']), full)
+    silent = ['shot noise', 'read noise']
+    quiet = measure('silent', without=silent)
+    row('all noise', quiet, full)
+    row('quantisation (16 bits)', measure('deep', bits=16, pedestal=2048, read_noise=44.8, electrons=0.234375), full)
+    row('black level', measure('black', without=['black level']), full)
+    row("projector's fall-off", measure('even', without=['projector vignetting']), full)
+    row("camera's vignetting", measure('plain', without=['camera vignetting']), full)
+    row('noise of the dots (homography)', measure('map', dots_of='silent'), full)
+    row('overlap of neighbours', measure('apart', spacing=49), full)
+    row('half of the pixels\' size, beside no noise (demosaicing, points\' borders)',
+        measure('fine', without=silent, width=416, height=392, pixels_per_point=8), quiet)
+    print('\n| developed with | error | more than the default | sum off by |\n| --- | --- | --- | --- |')
+    for options in (['--flat=paper'], ['--black=clip'], ['--demosaic=area'], ['--demosaic=malvar']):
+        result = error_of('full', *options)
+        more = result[0] ** 2 - full[0] ** 2
+        print(f'| `{options[0]}` | {percent(result[0])} | {percent(more ** 0.5) if more > 0 else "none"} | '
+              f'{100 * result[1]:+.2f} % |', flush=True)
+
+
+program = os.path.abspath(sys.argv[1])
+if len(sys.argv) > 2:
+    folder = os.path.abspath(sys.argv[2])
+    os.makedirs(folder, exist_ok=True)
+    main()
+else:
+    with tempfile.TemporaryDirectory() as folder:
+        main()
