@@ -1,8 +1,8 @@
 #!/usr/bin/env python3
 """Tells how much each effect adds to the error of developed responses: scans a virtual sample with all effects and with
-each forbidden in turn, compares with the exact responses, and prints the table of docs/accuracy.md.
+each forbidden in turn, compares with the exact responses, and prints tables; --write puts them into docs/accuracy.md.
 
-usage: accuracy.py NACRE [FOLDER]     (about four minutes on one core)
+usage: accuracy.py NACRE [--write] [FOLDER]     (about four minutes on one core)
 """
 import json
 import os
@@ -15,6 +15,8 @@ import tempfile
 ROOT = os.path.dirname(os.path.dirname(os.path.abspath(__file__)))
 SAMPLE = os.path.join(ROOT, 'rig/samples/demo.yaml')
 WINDOW, SPACING, GRIDS = 25, 25, 200
+DOCUMENT = os.path.join(ROOT, 'docs/accuracy.md')
+lines = []
 
 
 def nacre(*arguments):
@@ -63,6 +65,21 @@ def measure(name, *options, dots_of=None, **station):
     return error_of(name, *options)
 
 
+def say(line):
+    print(line, flush=True)
+    lines.append(line)
+
+
+def write():
+    """Put what was said between the marks of the document."""
+    marks = re.compile(r'(<!-- begin accuracy -->\n).*?(<!-- end accuracy -->\n)', re.DOTALL)
+    with open(DOCUMENT, encoding='utf-8') as file:
+        text = file.read()
+    table = '\n'.join(lines) + '\n'
+    with open(DOCUMENT, 'w', encoding='utf-8') as file:
+        file.write(marks.sub(lambda found: found[1] + table + found[2], text))
+
+
 def percent(value):
     return f'{100 * value:.2f} %'
 
@@ -71,13 +88,13 @@ def row(what, result, full):
     """What forbidding it takes off, in squares, as independent errors add."""
     gain = full[0] ** 2 - result[0] ** 2
     share = percent(gain ** 0.5) if gain > 0 else 'none'
-    print(f'| {what} | {percent(result[0])} | {share} | {100 * result[1]:+.2f} % |', flush=True)
+    say(f'| {what} | {percent(result[0])} | {share} | {100 * result[1]:+.2f} % |')
 
 
 def main():
     nacre('simulate', SAMPLE, '-o', 'exact.exr', '--window', str(WINDOW))
     full = measure('full')
-    print('| forbidden | error without it | its part | sum off by |\n| --- | --- | --- | --- |')
+    say('| forbidden | error without it | its part | sum off by |\n| --- | --- | --- | --- |')
     row('nothing', full, full)
     row('shot noise', measure('shot', without=['shot noise']), full)
     row('read noise', measure('read', without=['read noise']), full)
@@ -92,19 +109,24 @@ def main():
     row('overlap of neighbours', measure('apart', spacing=49), full)
     row('half of the pixels\' size, beside no noise (demosaicing, points\' borders)',
         measure('fine', without=silent, width=416, height=392, pixels_per_point=8), quiet)
-    print('\n| developed with | error | more than the default | sum off by |\n| --- | --- | --- | --- |')
+    say('\n| developed with | error | more than the default | sum off by |\n| --- | --- | --- | --- |')
     for options in (['--flat=paper'], ['--black=clip'], ['--demosaic=area'], ['--demosaic=malvar']):
         result = error_of('full', *options)
         more = result[0] ** 2 - full[0] ** 2
-        print(f'| `{options[0]}` | {percent(result[0])} | {percent(more ** 0.5) if more > 0 else "none"} | '
-              f'{100 * result[1]:+.2f} % |', flush=True)
+        say(f'| `{options[0]}` | {percent(result[0])} | {percent(more ** 0.5) if more > 0 else "none"} | '
+            f'{100 * result[1]:+.2f} % |')
 
 
-program = os.path.abspath(sys.argv[1])
-if len(sys.argv) > 2:
-    folder = os.path.abspath(sys.argv[2])
+arguments = [argument for argument in sys.argv[1:] if argument != '--write']
+if not arguments:
+    sys.exit(__doc__)
+program = os.path.abspath(arguments[0])
+if len(arguments) > 1:
+    folder = os.path.abspath(arguments[1])
     os.makedirs(folder, exist_ok=True)
     main()
 else:
     with tempfile.TemporaryDirectory() as folder:
         main()
+if '--write' in sys.argv:
+    write()
