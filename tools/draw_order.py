@@ -8,6 +8,8 @@ rows = [(int(x), int(y), float(a), float(b)) for x, y, a, b in csv.reader(open(s
 width = max(r[0] for r in rows) + 1
 height = max(r[1] for r in rows) + 1
 CELL, LEFT, TOP, GAP, MARK = 14, 10, 40, 40, 70
+MEANS = [sum(r[2 + k] for r in rows) / len(rows) for k in range(2)]
+rows = [(r[0], r[1], r[2] / MEANS[0], r[3] / MEANS[1]) for r in rows]
 SPAN = max(abs(v - 1) for r in rows for v in r[2:])
 
 
@@ -32,7 +34,7 @@ for k, title in enumerate(('sequential', 'random')):
     out.append(f'<line x1="{middle}" y1="{TOP}" x2="{middle}" y2="{TOP + height * CELL}" stroke="#999"/>')
     out.append(f'<polyline points="{points}" fill="none" stroke="black" stroke-width="2"/>')
 total = LEFT + 2 * (width * CELL + MARK + GAP)
-legend = f'blue {-100 * SPAN:.1f} %, white 0, red +{100 * SPAN:.1f} %; the line is the mean of each row'
+legend = f'blue {-100 * SPAN:.1f} %, white the mean, red +{100 * SPAN:.1f} %; the line is the mean of each row'
 body = '\n'.join(out)
 high = TOP + height * CELL
 with open(sys.argv[2], 'w', encoding='utf-8') as file:

@@ -49,10 +49,10 @@ struct effects {
     uint64_t work[EFFECTS]; /* points, pixels, entries or frames that the effect was computed for */
 };
 
-/* Tests compile single effects out, to show that an effect which is not called for costs what one that does not exist
- * costs. */
+/* tests/virtual/effects_cost.py compiles single effects out, or all of them (EFFECTS), to show that an effect which is not
+ * called for costs what one that does not exist costs. */
 #ifdef EFFECTS_WITHOUT
-#define EFFECTS_BUILT(id) ((id) != (EFFECTS_WITHOUT))
+#define EFFECTS_BUILT(id) ((EFFECTS_WITHOUT) != EFFECTS && (id) != (EFFECTS_WITHOUT))
 #else
 #define EFFECTS_BUILT(id) true
 #endif

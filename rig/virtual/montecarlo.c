@@ -39,7 +39,7 @@ struct montecarlo {
     cl_float4 materials[3][MOST_MATERIALS];
     size_t material_count;
     float majorants[3];
-    bool matched, isotropic;
+    bool matched, isotropic, clear;
     uint8_t *voxels; /* [ny][nx][nz], of materials */
     float *above;    /* [ny][nx][nz + 1], of the channel at hand */
     cl_mem buffers[BUFFERS];
@@ -55,7 +55,7 @@ static size_t column_count(const struct montecarlo *montecarlo)
 
 static void fill_materials(struct montecarlo *montecarlo, const struct sample *sample)
 {
-    montecarlo->matched = montecarlo->isotropic = true;
+    montecarlo->matched = montecarlo->isotropic = montecarlo->clear = true;
     montecarlo->material_count = sample->material_count;
     for (size_t i = 0; i < sample->material_count; i++) {
         const struct sample_material *material = &sample->materials[i];
@@ -63,6 +63,7 @@ static void fill_materials(struct montecarlo *montecarlo, const struct sample *s
         for (int c = 0; c < 3; c++) {
             float extinction =
                 (float)(material->scattering_per_mm[c] + material->absorption_per_mm[c]);
+            montecarlo->clear = montecarlo->clear && material->absorption_per_mm[c] == 0;
             montecarlo->isotropic = montecarlo->isotropic && material->anisotropy[c] == 0;
             montecarlo->materials[c][i] =
                 (cl_float4){.s = {(float)material->scattering_per_mm[c], extinction,
@@ -142,10 +143,11 @@ static int build(struct montecarlo *montecarlo, enum montecarlo_estimator estima
     if (montecarlo->kernels[estimator]) {
         return NACRE_OK;
     }
-    (void)snprintf(options, sizeof options, "%s%s%s", /* fits */
+    (void)snprintf(options, sizeof options, "%s%s%s%s%s", /* fits */
                    estimator == MONTECARLO_EXITANCE ? "-DEXITANCE " : "",
                    montecarlo->matched ? "-DMATCHED " : "",
-                   montecarlo->isotropic ? "-DISOTROPIC" : "");
+                   montecarlo->isotropic ? "-DISOTROPIC " : "", montecarlo->clear ? "-DCLEAR " : "",
+                   montecarlo->material_count == 1 ? "-DALIKE" : "");
     if (opencl_build(&montecarlo->opencl, &montecarlo_cl, options, &montecarlo->programs[estimator],
                      error)) {
         return NACRE_FAILED;

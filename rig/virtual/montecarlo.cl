@@ -4,7 +4,9 @@
  * contributes is added up in fixed point, so results do not depend on the order of work-items. Built with
  *   -DEXITANCE   tally the flux through the surface; otherwise the radiance towards the normal
  *   -DMATCHED    every index of refraction is 1
- *   -DISOTROPIC  every material scatters evenly */
+ *   -DISOTROPIC  every material scatters evenly
+ *   -DCLEAR      no material absorbs
+ *   -DALIKE      there is one material */
 
 #define PI 3.14159265358979f
 
@@ -175,12 +177,16 @@ __kernel void trace(__constant struct slab *slab, __constant float4 *materials,
             d.z = -d.z;
             continue;
         }
+#ifndef ALIKE
         if (u.y * slab->majorant >= material.y) {
             continue; /* no collision in this material */
         }
+#endif
+#ifndef CLEAR
         float albedo = material.x / material.y;
         sums[ABSORBED] += weight * (1 - albedo);
         weight *= albedo;
+#endif
 #ifndef EXITANCE
         __global const float *depths = above + column * (slab->nz + 1);
         float depth = depths[z] + material.y * (at.z - z * slab->layer);

@@ -275,6 +275,21 @@ static void diffusion_agrees_within_its_known_error(void)
     free(diffusion);
 }
 
+/* A second material that lies nowhere, absorbs, scatters forwards and has no larger extinction brings back the lines of
+ * these effects. */
+static void kernel_without_effects_does_what_the_whole_kernel_does(void)
+{
+    struct sample_material materials[2];
+    struct sample sample = wide_slab(&materials[0], 4, 0, 0, 1, 1);
+    struct montecarlo_totals bare = trace_totals(&sample, MONTECARLO_EXITANCE, 4096);
+    (void)wide_slab(&materials[1], 3, 1, 0.5, 1, 1);
+    sample.material_count = 2;
+    struct montecarlo_totals all = trace_totals(&sample, MONTECARLO_EXITANCE, 4096);
+    TEST_ASSERT_TRUE(bare.up > 0.1);
+    TEST_ASSERT_EQUAL_DOUBLE(0, bare.absorbed);
+    TEST_ASSERT_EQUAL_MEMORY(&all, &bare, sizeof all);
+}
+
 static void requests_that_make_no_sense_are_refused(void)
 {
     static const int outside[1][2] = {{1, 0}};
@@ -314,6 +329,7 @@ int main(void)
     RUN_TEST(standard_error_falls_with_the_root_of_the_paths);
     RUN_TEST(responses_do_not_depend_on_what_is_traced_beside_them);
     RUN_TEST(diffusion_agrees_within_its_known_error);
+    RUN_TEST(kernel_without_effects_does_what_the_whole_kernel_does);
     RUN_TEST(requests_that_make_no_sense_are_refused);
     return UNITY_END();
 }
