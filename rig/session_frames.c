@@ -101,7 +101,7 @@ int session_write(const struct session *session, const struct pattern_frames *fr
             goto out;
         }
     }
-    status = exr_file_write(path, &file, EXR_ZIP, error);
+    status = exr_file_write(path, &file, EXR_ZIP_FAST, error);
 out:
     exr_file_finish(&file);
     free(path);

@@ -50,7 +50,7 @@ static exr_result_t write_attribute(exr_context_t context, int index,
 
 /* Declare one part with its channels and attributes. */
 static exr_result_t declare_part(exr_context_t context, const struct exr_part *part,
-                                 const exr_attr_box2i_t *display, exr_compression_t compression)
+                                 const exr_attr_box2i_t *display, enum exr_compression compression)
 {
     int index = 0;
     exr_attr_box2i_t data = {.max = {.x = part->width - 1, .y = part->height - 1}};
@@ -58,8 +58,12 @@ static exr_result_t declare_part(exr_context_t context, const struct exr_part *p
     exr_result_t result =
         exr_add_part(context, part->name[0] ? part->name : NULL, EXR_STORAGE_SCANLINE, &index);
     if (result == EXR_ERR_SUCCESS) {
-        result = exr_initialize_required_attr(context, index, display, &data, 1, &centre, 1,
-                                              EXR_LINEORDER_INCREASING_Y, compression);
+        result = exr_initialize_required_attr(
+            context, index, display, &data, 1, &centre, 1, EXR_LINEORDER_INCREASING_Y,
+            compression == EXR_UNCOMPRESSED ? EXR_COMPRESSION_NONE : EXR_COMPRESSION_ZIP);
+    }
+    if (result == EXR_ERR_SUCCESS && compression == EXR_ZIP_FAST) {
+        result = exr_set_zip_compression_level(context, index, 1);
     }
     for (size_t i = 0; i < part->plane_count && result == EXR_ERR_SUCCESS; i++) {
         result =
@@ -207,7 +211,7 @@ static bool has_long_names(const struct exr_file *file)
 }
 
 static int write_header(struct exr_stream *stream, const struct exr_file *file,
-                        exr_compression_t compression, struct nacre_error *error)
+                        enum exr_compression compression, struct nacre_error *error)
 {
     exr_attr_box2i_t display = {0};
     for (size_t p = 0; p < file->part_count; p++) {
@@ -246,8 +250,7 @@ int exr_file_write(const char *path, const struct exr_file *file, enum exr_compr
     if (status != NACRE_OK) {
         goto out;
     }
-    status = write_header(
-        &stream, file, compression == EXR_ZIP ? EXR_COMPRESSION_ZIP : EXR_COMPRESSION_NONE, error);
+    status = write_header(&stream, file, compression, error);
     for (size_t p = 0; p < file->part_count && status == NACRE_OK; p++) {
         status = write_pixels(&stream, (int)p, &file->parts[p], error);
     }
