@@ -92,6 +92,7 @@ __attribute__((format(printf, 4, 5))) static void add(struct list *list, const c
     va_list arguments;
     va_start(arguments, format);
     (void)snprintf(effect->name, sizeof effect->name, "%s", name); /* a cut name still helps */
+    /* NOLINTNEXTLINE(clang-analyzer-valist.Uninitialized): va_start is above */
     (void)vsnprintf(effect->reason, sizeof effect->reason, format, arguments);
     va_end(arguments);
     effect->simulated = simulated;

@@ -203,9 +203,10 @@ static void find_gains(const struct station *station, struct effects *effects, d
     if (effects_has(effects, EFFECT_CAMERA_VIGNETTING)) {
         effects->work[EFFECT_CAMERA_VIGNETTING] += count;
         for (size_t i = 0; i < count; i++) {
-            double x = (double)(i % (size_t)camera->width) + 0.5;
-            double y = (double)(i / (size_t)camera->width) + 0.5;
-            gains[i] *= optics_falloff(lens->vignetting, x, y, camera->width, camera->height);
+            size_t column = i % (size_t)camera->width;
+            size_t row = i / (size_t)camera->width;
+            gains[i] *= optics_falloff(lens->vignetting, (double)column + 0.5, (double)row + 0.5,
+                                       camera->width, camera->height);
         }
     }
     if (effects_has(effects, EFFECT_TILT)) {
@@ -273,7 +274,8 @@ static int fill_matrix(const struct view *view, struct effects *effects, const d
     }
     effects->work[EFFECT_DISTORTION] +=
         effects_has(effects, EFFECT_DISTORTION) ? optics->pixel_count : 0;
-    effects->work[EFFECT_CAMERA_DEFOCUS] += effects_has(effects, EFFECT_CAMERA_DEFOCUS) ? optics->pixel_count : 0;
+    effects->work[EFFECT_CAMERA_DEFOCUS] +=
+        effects_has(effects, EFFECT_CAMERA_DEFOCUS) ? optics->pixel_count : 0;
     return NACRE_OK;
 }
 

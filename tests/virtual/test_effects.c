@@ -144,13 +144,13 @@ static void plain_station_does_no_work_at_all(void)
 }
 
 /* The list of effects of the texts, with the plan's exposures. */
-static struct effect *list(const char *station_text, const char *sample_text, double *turns,
+static struct effect *list(const char *station_text, const char *sample_text, double turns,
                            size_t *count)
 {
     struct nacre_error error;
     struct station settings;
     struct sample sample;
-    struct plan plan = {.exposure_turns = turns, .exposure_count = 1};
+    struct plan plan = {.exposure_turns = &turns, .exposure_count = 1};
     struct effect *effects = NULL;
     TEST_ASSERT_EQUAL_INT_MESSAGE(
         NACRE_OK, sample_read(scratch_text("sample.yaml", sample_text), &sample, &error),
@@ -190,7 +190,7 @@ static void list_names_the_line_that_calls_for_each_effect(void)
 {
     size_t count;
     double turns = 1.5;
-    struct effect *effects = list(full_station, full_sample, &turns, &count);
+    struct effect *effects = list(full_station, full_sample, turns, &count);
     for (int k = 0; k < full_piece_count; k++) {
         const struct full_piece *piece = &full_pieces[k];
         const struct effect *effect = find(effects, count, effect_names[piece->effect]);
@@ -216,7 +216,7 @@ static void list_leaves_out_a_wheel_whose_turns_are_whole_and_what_is_forbidden(
     double turns = 4;
     char *text = NULL;
     TEST_ASSERT_TRUE(asprintf(&text, "%swithout: [dust, tilt]\n", full_station) >= 0);
-    struct effect *effects = list(text, full_sample, &turns, &count);
+    struct effect *effects = list(text, full_sample, turns, &count);
     TEST_ASSERT_FALSE(find(effects, count, "colour wheel")->simulated);
     TEST_ASSERT_NOT_NULL(strstr(find(effects, count, "colour wheel")->reason, "whole turns"));
     TEST_ASSERT_FALSE(find(effects, count, "dust")->simulated);
