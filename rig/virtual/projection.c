@@ -17,10 +17,11 @@ static int fill_falloff(const struct station *station, struct projection *projec
         return nacre_fail_memory(error, "the virtual projector");
     }
     for (size_t i = 0; i < points; i++) {
-        double x = (double)(i % (size_t)width) + 0.5;
-        double y = (double)(i / (size_t)width) + 0.5;
+        size_t column = i % (size_t)width;
+        size_t row = i / (size_t)width;
         projection->falloff[i] =
-            optics_falloff(station->simulated.projector.vignetting, x, y, width, height);
+            optics_falloff(station->simulated.projector.vignetting, (double)column + 0.5,
+                           (double)row + 0.5, width, height);
     }
     return NACRE_OK;
 }

@@ -57,8 +57,10 @@ static int fill_local(const struct station *station, const struct sample *sample
         return nacre_fail_memory(error, "the sample's surface");
     }
     for (size_t i = 0; i < points; i++) {
-        double x = (double)(i % (size_t)sample->width) + 0.5;
-        double y = (double)(i / (size_t)sample->width) + 0.5;
+        size_t column = i % (size_t)sample->width;
+        size_t row = i / (size_t)sample->width;
+        double x = (double)column + 0.5;
+        double y = (double)row + 0.5;
         double place_mm[3] = {x * sample->pitch_mm, y * sample->pitch_mm, 0};
         const struct sample_material *material =
             &sample->materials[sample_material_at(sample, place_mm)];
