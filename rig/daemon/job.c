@@ -17,8 +17,8 @@
 enum { RETRIES = 3 };
 
 /* A camera is given so long beyond the exposure for its frame, and again to be opened anew; a trigger waits for three
- * turns of the wheel, or so long. */
-static const int64_t DEVICES_NS = 6000000000;
+ * turns of the wheel, or so long. Opening a display anew compiles shaders. */
+static const int64_t DEVICES_NS = 6000000000, OPENING_NS = 30000000000;
 
 struct job {
     struct job_opener opener;
@@ -274,7 +274,8 @@ static int open_devices(struct job *job, struct devices *devices, struct nacre_e
 
 static int measure(struct job *job, struct sequence_result *result, struct nacre_error *error)
 {
-    const struct sequence_options options = {.retries = RETRIES};
+    const struct sequence_options options = {.retries = RETRIES,
+                                             .check_layer = job->opener.check_layer};
     const struct sequence_operator person = {job, lay_white_layer, begin_pattern, show_life,
                                              doubt_layer};
     struct devices devices = {0};
@@ -485,8 +486,9 @@ bool job_is_alive(struct job *job, int64_t slack_ns)
 {
     (void)pthread_mutex_lock(&job->mutex);
     enum job_state state = job->status.state;
-    bool alive = !job_is_active(state) || is_held(state) ||
-                 now_ns() - job->life_ns <= job->limit_ns + slack_ns;
+    int64_t limit_ns = job->limit_ns + (state == JOB_PREPARING ? OPENING_NS : 0);
+    bool alive =
+        !job_is_active(state) || is_held(state) || now_ns() - job->life_ns <= limit_ns + slack_ns;
     (void)pthread_mutex_unlock(&job->mutex);
     return alive;
 }

@@ -30,6 +30,7 @@ struct job_opener {
     void (*close)(void *context, struct devices *devices);
     /* The person has laid the white layer, or taken it off: virtual devices must be told. May be NULL. */
     void (*white_layer)(void *context, bool on);
+    bool check_layer; /* look in a frame whether it was done */
 };
 
 /* What is to be measured. */

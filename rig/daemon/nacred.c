@@ -102,7 +102,8 @@ static char *make_sessions(const char *state, struct nacre_error *error)
 int main(int argc, char **argv)
 {
     struct clock clock = clock_monotonic();
-    const struct job_opener opener = {&clock, open_real, close_real, NULL};
+    const struct job_opener opener = {
+        .context = &clock, .open = open_real, .close = close_real, .check_layer = true};
     struct settings settings = {.bus = {.station = "/etc/nacre/station.yaml"}};
     struct nacre_error error = {""};
     int status = parse(argc, argv, &settings);

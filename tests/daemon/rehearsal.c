@@ -81,9 +81,7 @@ static void close_virtual(void *context, struct devices *devices)
 static void lay_white_layer(void *context, bool on)
 {
     struct rehearsal *rehearsal = context;
-    if (!rehearsal->obstinate) {
-        virtual_station_set_white_layer(rehearsal->station, on);
-    }
+    virtual_station_set_white_layer(rehearsal->station, on);
 }
 
 void rehearsal_init(struct rehearsal *rehearsal)
@@ -101,7 +99,8 @@ void rehearsal_finish(struct rehearsal *rehearsal)
 
 struct job_opener rehearsal_opener(struct rehearsal *rehearsal)
 {
-    return (struct job_opener){rehearsal, open_virtual, close_virtual, lay_white_layer};
+    return (struct job_opener){rehearsal, open_virtual, close_virtual, lay_white_layer,
+                               rehearsal->check_layer};
 }
 
 void rehearsal_wait_hanging(struct rehearsal *rehearsal)

@@ -11,7 +11,7 @@ struct rehearsal {
     const char *refusal; /* opening fails with this text; NULL: it does not */
     enum fault fault;    /* at this take; < 0: never */
     int fault_at;
-    bool obstinate;                  /* the layer is not laid, whatever is confirmed */
+    bool check_layer;                /* which is in doubt here: the sample is a white board, too */
     int slow_ms;                     /* every take lasts so long */
     int hang_at;                     /* this take lasts until rehearsal_release; < 0: none */
     _Atomic int takes;               /* so far */

@@ -153,6 +153,32 @@ static void nothing_is_exposed_before_the_person_confirms(void)
     TEST_ASSERT_TRUE(job_is_alive(job, -1000 * SECOND_NS));
 }
 
+static void layer_in_doubt_is_asked_for_again_until_the_person_insists(void)
+{
+    job_free(job);
+    rehearsal.check_layer = true;
+    struct job_opener opener = rehearsal_opener(&rehearsal);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, job_new(&opener, &job, &error));
+    start();
+    follow(JOB_WAITING, false);
+    TEST_ASSERT_NULL_MESSAGE(strstr(now.message, "insist"), now.message);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, job_confirm(job, &error));
+    while (now.state != JOB_WAITING || !strstr(now.message, "insist (nacre confirm --insist)")) {
+        TEST_ASSERT_TRUE_MESSAGE(job_is_active(now.state), now.message);
+        wait_change();
+    }
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(now.message, "The check frame shows no change"),
+                                 now.message);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, job_insist(job, &error));
+    for (job_read(job, &now); now.state != JOB_DONE; wait_change()) {
+        TEST_ASSERT_TRUE_MESSAGE(job_is_active(now.state), now.message);
+        if (now.state == JOB_WAITING) {
+            (void)job_insist(job, NULL);
+        }
+    }
+    (void)hash_session();
+}
+
 static void paused_scan_goes_on_and_equals_an_undisturbed_one(void)
 {
     uint64_t expected = undisturbed();
@@ -377,6 +403,7 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(scan_is_measured_as_the_person_is_asked);
     RUN_TEST(nothing_is_exposed_before_the_person_confirms);
+    RUN_TEST(layer_in_doubt_is_asked_for_again_until_the_person_insists);
     RUN_TEST(paused_scan_goes_on_and_equals_an_undisturbed_one);
     RUN_TEST(cancelled_scan_is_resumed_and_equals_an_undisturbed_one);
     RUN_TEST(waiting_scan_is_cancelled_at_once);

@@ -1,15 +1,20 @@
 #!/bin/sh
 # First process of a guest once it has the host's files: runs the commands of the job, one after the other.
 export PATH=/usr/sbin:/usr/bin:/sbin:/bin HOME=/root
-mount -t proc proc /proc
-mount -t sysfs sysfs /sys
-mount -t tmpfs tmpfs /run
-mkdir -p /dev/pts /dev/shm
-mount -t devpts devpts /dev/pts
-mount -t tmpfs tmpfs /dev/shm
 . /lab-job/environment
-mkdir -p "/lib/modules/$LAB_RELEASE"
-mount --bind "$LAB_KERNEL/lib/modules/$LAB_RELEASE" "/lib/modules/$LAB_RELEASE"
+if [ $$ = 1 ]; then
+    mount -t proc proc /proc
+    mount -t sysfs sysfs /sys
+    mount -t tmpfs tmpfs /run
+    mkdir -p /dev/pts /dev/shm
+    mount -t devpts devpts /dev/pts
+    mount -t tmpfs tmpfs /dev/shm
+    mkdir -p "/lib/modules/$LAB_RELEASE"
+    mount --bind "$LAB_KERNEL/lib/modules/$LAB_RELEASE" "/lib/modules/$LAB_RELEASE"
+    if [ -n "$LAB_SYSTEMD" ]; then
+        . /lab-job/systemd.sh
+    fi
+fi
 
 # port NAME: the device of one of QEMU's serial ports.
 port() {

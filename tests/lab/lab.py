@@ -28,21 +28,32 @@ KERNEL_LINE = ('console=ttyS0 loglevel=4 panic=-1 mitigations=off nokaslr no_tim
                'tsc=reliable rcupdate.rcu_expedited=1')
 
 
-def environment(folder, limit):
+def environment(folder, options, installed):
     release = os.listdir(os.path.join(folder, 'lib/modules'))[0]
     values = {name: value for name, value in os.environ.items() if name.startswith(PREFIXES)}
-    values |= {'LAB_KERNEL': folder, 'LAB_RELEASE': release, 'LAB_FOLDER': os.getcwd(), 'LAB_LIMIT': str(limit)}
+    values |= {'LAB_KERNEL': folder, 'LAB_RELEASE': release, 'LAB_FOLDER': os.getcwd(),
+               'LAB_LIMIT': str(options.limit), 'LAB_SYSTEMD': 'yes' if options.systemd else '', 'LAB_INSTALLED': installed}
     return ''.join(f'export {name}={shlex.quote(value)}\n' for name, value in values.items())
 
 
-def make_initramfs(folder, commands, limit):
+def install(build, work):
+    """Install what was built, for the guest to copy to its root; the folder, '' for nothing."""
+    if not build:
+        return ''
+    root = os.path.join(work, 'installed')
+    kernel.call('meson', 'install', '-C', build, '--no-rebuild', '--quiet', env=os.environ | {'DESTDIR': root})
+    return root
+
+
+def make_initramfs(folder, commands, options, installed):
     """The guest's first files: the kernel's, and the job."""
     here = os.path.dirname(os.path.abspath(__file__))
-    with open(os.path.join(here, 'guest.sh'), 'rb') as file:
-        guest = file.read()
-    job = [('job', 0o40755, b''), ('job/guest.sh', 0o100755, guest),
-           ('job/environment', 0o100644, environment(folder, limit).encode()),
+    job = [('job', 0o40755, b''),
+           ('job/environment', 0o100644, environment(folder, options, installed).encode()),
            ('job/commands', 0o100644, ''.join(f'{command}\n' for command in commands).encode())]
+    for name in ('guest.sh', 'systemd.sh'):
+        with open(os.path.join(here, name), 'rb') as file:
+            job.append((f'job/{name}', 0o100755, file.read()))
     release = os.listdir(os.path.join(folder, 'lib/modules'))[0]
     return kernel.make_initramfs(os.path.join(folder, 'lib/modules', release), job)
 
@@ -125,7 +136,7 @@ def report(commands, statuses, in_time, console):
 def run_guest(options, folder, work, commands):
     """Boot once; the statuses of commands that came to their end, and whether the guest did in time."""
     with open(f'{work}/initramfs', 'wb') as file:
-        file.write(make_initramfs(folder, commands, options.limit))
+        file.write(make_initramfs(folder, commands, options, install(options.install, work)))
     in_time = boot(qemu(folder, work, options.display, options.memory, options.disk), options.timeout)
     return [int(line.split()[0]) for line in read(f'{work}/status').splitlines()], in_time
 
@@ -159,6 +170,9 @@ def parse():
     verb.add_argument('--memory', type=int, default=1024, help='MiB')
     verb.add_argument('--display', default='bochs-display', help="the guest's graphics card, as QEMU calls it, or none")
     verb.add_argument('--disk', type=int, default=0, help='MiB of an empty disk, /dev/vda in the guest; 0: none')
+    verb.add_argument('--systemd', action='store_true', help='boot systemd, which runs the commands as a service')
+    verb.add_argument('--install', metavar='BUILD', default='',
+                      help='install what was built in this folder, as meson does, in the guest alone')
     verb.add_argument('--cut', action='store_true',
                       help="boot for each command, as all but the last cut the guest's power (sysrq b)")
     verb.add_argument('command', nargs='+')
