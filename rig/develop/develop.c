@@ -168,6 +168,16 @@ static int check_grids(const struct session *session, struct nacre_error *error)
                       session->path);
 }
 
+/* Effects that the station's file forbade, which its frames lack. Cut to the room there is. */
+static void record_forbidden(const struct station *station, struct nacre_scan_info *info)
+{
+    for (size_t i = 0; i < station->without_count; i++) {
+        size_t used = strlen(info->source);
+        (void)snprintf(info->source + used, sizeof info->source - used, "%s%s",
+                       i == 0 ? "; without " : ", ", station->without[i]);
+    }
+}
+
 static void describe(const struct session *session, const struct develop_options *options,
                      enum demosaic demosaic, int channels, struct nacre_scan_info *info)
 {
@@ -181,6 +191,7 @@ static void describe(const struct session *session, const struct develop_options
     (void)snprintf(info->source, sizeof info->source,
                    "nacre develop --demosaic=%s --black=%s --flat=%s", demosaic_names[demosaic],
                    black_mode_names[options->black], flat_mode_names[options->flat]);
+    record_forbidden(&session->station, info);
 }
 
 static int make_resampler(struct development *development, enum demosaic demosaic,

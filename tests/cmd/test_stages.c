@@ -11,6 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 #include <unity.h>
 
 static const char *nacre;
@@ -213,6 +214,42 @@ static void the_report_is_one_self_contained_page(void)
     free(page);
 }
 
+/* Effects of the station's and the sample's file, with a line each; nothing is measured. */
+static void scan_explains_what_a_station_simulates(void)
+{
+    char *text = NULL;
+    char *session = path_join(folder, "explained");
+    char *station = path_join(folder, "station.yaml");
+    stations_write(folder);
+    json_t *list = parse(RUN("scan", session, "--station", station, "--explain", "--json"));
+    size_t index;
+    json_t *entry;
+    bool noisy = false;
+    bool lit = true;
+    json_array_foreach(list, index, entry)
+    {
+        const char *effect = json_string_value(json_object_get(entry, "effect"));
+        bool simulated = json_is_true(json_object_get(entry, "simulated"));
+        TEST_ASSERT_NOT_NULL(effect);
+        if (strcmp(effect, "read noise") == 0) {
+            noisy = simulated && json_integer_value(json_object_get(entry, "line")) == 3;
+            TEST_ASSERT_EQUAL_STRING(station, json_string_value(json_object_get(entry, "file")));
+        } else if (strcmp(effect, "dust") == 0) {
+            lit = simulated;
+        }
+    }
+    TEST_ASSERT_TRUE(noisy);
+    TEST_ASSERT_FALSE(lit);
+    text = RUN("scan", session, "--station", station, "--explain", "--dry-run");
+    TEST_ASSERT_NOT_NULL(strstr(text, "to measure"));
+    TEST_ASSERT_NOT_NULL(strstr(text, "left out  dust"));
+    TEST_ASSERT_TRUE(access(session, F_OK) != 0);
+    json_decref(list);
+    free(text);
+    free(session);
+    free(station);
+}
+
 int main(int argc, char **argv)
 {
     if (argc != 3) {
@@ -232,6 +269,7 @@ int main(int argc, char **argv)
     RUN_TEST(with_a_source_date_two_runs_give_the_same_file);
     RUN_TEST(a_rendering_shows_the_material);
     RUN_TEST(the_report_is_one_self_contained_page);
+    RUN_TEST(scan_explains_what_a_station_simulates);
     free(scan);
     free(material);
     folder_remove(folder);

@@ -235,6 +235,7 @@ static void measure_ratios(const char *order, double *ratios)
         (void)snprintf(text, sizeof text, "%s%s", drifting_text, endings[k]);
         virtual_scan_write(own, "station.yaml", text);
         virtual_scan_run(own, &result, &report);
+        TEST_ASSERT_EQUAL_INT(k, virtual_scan_source_names(own, "without lamp drift"));
         float *developed = virtual_scan_load(own, "scan.exr");
         for (int i = 0; i < POINTS * RESPONSE; i++) {
             sums[k][i / RESPONSE] += isnan(developed[i]) ? 0 : (double)developed[i];

@@ -9,6 +9,7 @@
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 static struct nacre_error error;
 
@@ -114,4 +115,15 @@ float *virtual_scan_load(const char *folder, const char *name)
     nacre_scan_close(scan);
     free(path);
     return all;
+}
+
+bool virtual_scan_source_names(const char *folder, const char *words)
+{
+    struct nacre_scan *scan;
+    char *path = join(folder, "scan.exr");
+    must(nacre_scan_open(path, &scan, &error));
+    bool found = strstr(nacre_scan_info(scan)->source, words) != NULL;
+    nacre_scan_close(scan);
+    free(path);
+    return found;
 }

@@ -18,4 +18,7 @@ void virtual_scan_exact(const char *folder, int window);
 /* All responses of FOLDER/NAME: [height][width][channels][K][K]; heap. */
 float *virtual_scan_load(const char *folder, const char *name);
 
+/* Whether what made FOLDER/scan.exr is recorded in it with these words. */
+bool virtual_scan_source_names(const char *folder, const char *words);
+
 #endif
