@@ -4,6 +4,7 @@
 #include "rig/station_check.h"
 
 #include <errno.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <unistd.h>
@@ -32,8 +33,13 @@ static const struct settings_field sample_fields[] = {
      .offset = offsetof(struct station_sample, pitch_mm),
      .minimum = 1e-4,
      .maximum = 1000,
-     .required = true,
-     .sentence = "distance between surface points"},
+     .sentence = "distance between surface points; without it size_mm tells it"},
+    {.key = "size_mm",
+     .kind = SETTINGS_REAL,
+     .offset = offsetof(struct station_sample, size_mm),
+     .minimum = 1e-3,
+     .maximum = 1e6,
+     .sentence = "measured width of the region on the sample, in x; tells the pitch"},
     {0}};
 
 static const struct settings_schema sample_schema = {
@@ -226,9 +232,35 @@ out:
     return status;
 }
 
+/* The pitch from the region's measured width. */
+static int find_pitch(const char *path, struct station_sample *sample, struct nacre_error *error)
+{
+    double pitch_mm = sample->size_mm / sample->width;
+    if (!(sample->size_mm > 0)) {
+        return sample->pitch_mm > 0
+                   ? NACRE_OK
+                   : nacre_fail(error,
+                                "%s: sample: lacks pitch_mm; give it, or size_mm, the width of the "
+                                "lit region as measured on the sample",
+                                path);
+    }
+    if (sample->pitch_mm > 0 && fabs(sample->pitch_mm - pitch_mm) > 1e-3 * pitch_mm) {
+        return nacre_fail(error,
+                          "%s: sample: size_mm %g over %d points is a pitch of %g mm, but pitch_mm "
+                          "is %g; leave one of them out",
+                          path, sample->size_mm, sample->width, pitch_mm, sample->pitch_mm);
+    }
+    sample->pitch_mm = pitch_mm;
+    return NACRE_OK;
+}
+
 int station_read(const char *path, struct station *station, struct nacre_error *error)
 {
     int status = settings_read(path, &station_schema, station, error);
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    status = find_pitch(path, &station->sample, error);
     if (status != NACRE_OK) {
         goto out;
     }

@@ -23,6 +23,7 @@ enum trigger_driver {
 struct station_sample {
     int width, height; /* surface points = projector pixels of the sample's region */
     double pitch_mm;   /* between surface points */
+    double size_mm;    /* measured width of the region, which tells the pitch; 0: not given */
 };
 
 struct station_camera {

@@ -39,6 +39,19 @@ static void refuses(const char *from, const char *to, const char *what)
     free(text);
 }
 
+static void pitch_follows_from_the_measured_width(void)
+{
+    struct station station;
+    char *text = text_replace(stage_station, "pitch_mm: 0.5", "size_mm: 4.5");
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, read_text(text, &station), error.text);
+    TEST_ASSERT_EQUAL_DOUBLE(0.75, station.sample.pitch_mm); /* 6 points */
+    station_finish(&station);
+    free(text);
+    refuses(", pitch_mm: 0.5", "", "lacks pitch_mm");
+    refuses("pitch_mm: 0.5", "pitch_mm: 0.5, size_mm: 4.5", "pitch of 0.75 mm");
+    refuses("pitch_mm: 0.5", "size_mm: 0", "size_mm");
+}
+
 static void station_of_the_documentation_is_read(void)
 {
     struct station station;
@@ -266,6 +279,7 @@ static void relative_paths_are_taken_from_the_file_and_become_absolute(void)
 int main(void)
 {
     UNITY_BEGIN();
+    RUN_TEST(pitch_follows_from_the_measured_width);
     RUN_TEST(station_of_the_documentation_is_read);
     RUN_TEST(real_station_of_the_documentation_is_read);
     RUN_TEST(what_a_station_does_not_name_is_absent);
