@@ -6,7 +6,7 @@ if [ -n "$LAB_INSTALLED" ]; then
 fi
 mkdir -p /run/systemd/system
 # What takes long, waits for what is not here, or changes files of the host's.
-for unit in systemd-tmpfiles-setup.service systemd-tmpfiles-clean.timer systemd-udev-trigger.service systemd-udev-settle.service \
+for unit in timers.target systemd-tmpfiles-setup.service systemd-udev-trigger.service systemd-udev-settle.service \
     systemd-firstboot.service systemd-machine-id-commit.service systemd-timesyncd.service systemd-networkd.service \
     systemd-resolved.service systemd-logind.service systemd-update-utmp.service systemd-journal-flush.service \
     systemd-random-seed.service systemd-pstore.service systemd-binfmt.service proc-sys-fs-binfmt_misc.automount \

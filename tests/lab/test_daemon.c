@@ -284,6 +284,8 @@ static void unplugged_camera_is_named(void)
 int main(void)
 {
     guest_require();
+    (void)setvbuf(stdout, NULL, _IOLBF,
+                  0); /* what a guest that runs out of time had done is seen */
     UNITY_BEGIN();
     RUN_TEST(service_starts_in_its_sandbox);
     RUN_TEST(sandbox_is_tight);
