@@ -324,13 +324,14 @@ static int emit(struct bus *bus, const char *const *names)
                                                (char **)(size_t)names);
 }
 
-/* Tell clients which properties are others than `before`. */
-static void emit_changes(struct bus *bus, const struct shown *before, const char *message_before)
+/* Tell clients which properties are others than `before`; `anew`: state and session are told in any case. */
+static void emit_changes(struct bus *bus, bool anew, const struct shown *before,
+                         const char *message_before)
 {
     const struct shown *now = &bus->shown;
     const char *names[10] = {NULL};
     size_t count = 0;
-    if (strcmp(now->state, before->state) != 0) {
+    if (anew || strcmp(now->state, before->state) != 0) {
         names[count++] = "State";
         names[count++] = "Session";
         names[count++] = "Patterns";
@@ -382,13 +383,16 @@ void bus_publish(struct bus *bus)
     char message[MESSAGE_SIZE];
     (void)snprintf(message, sizeof message, "%s", bus->message);
     job_read(bus->job, &bus->status);
-    if (job_is_active(before.state) && !job_is_active(bus->status.state)) {
+    enum job_state state = bus->status.state;
+    bool begun = bus->status.number != before.number; /* it may have failed already */
+    if ((begun || job_is_active(before.state)) && !job_is_active(state)) {
         refresh_incomplete(bus);
     }
     show(bus);
     (void)sd_notifyf(0, "STATUS=%s", bus->message); /* where there is no manager, nobody asks */
-    emit_changes(bus, &shown, message);
-    if (bus->status.state != before.state) {
+    bool asked = state == JOB_WAITING && strcmp(bus->message, message) != 0;
+    emit_changes(bus, begun, &shown, message);
+    if (begun || asked || state != before.state) {
         tell_event(bus);
     } else if (bus->status.retries > before.retries) {
         journal_write(LOG_WARNING, &bus->status, bus->message);

@@ -397,7 +397,8 @@ int job_start(struct job *job, const struct job_order *order, struct nacre_error
         return status;
     }
     (void)pthread_mutex_lock(&job->mutex);
-    job->status = (struct job_status){.patterns = job->skipped + needs.patterns,
+    job->status = (struct job_status){.number = now.number + 1,
+                                      .patterns = job->skipped + needs.patterns,
                                       .done = job->skipped,
                                       .seconds_left = needs.seconds};
     (void)snprintf(job->status.name, sizeof job->status.name, "%s", name ? name + 1 : order->path);
@@ -441,6 +442,7 @@ static int obey(struct job *job, enum request request, struct nacre_error *error
         break;
     case REQUEST_CANCEL:
         known->stopping = true;
+        job->life_ns = now_ns(); /* whoever was waited for is waited for no longer */
         break;
     }
     tell(job);
@@ -486,9 +488,9 @@ bool job_is_alive(struct job *job, int64_t slack_ns)
 {
     (void)pthread_mutex_lock(&job->mutex);
     enum job_state state = job->status.state;
+    bool held = is_held(state) && !job->status.stopping;
     int64_t limit_ns = job->limit_ns + (state == JOB_PREPARING ? OPENING_NS : 0);
-    bool alive =
-        !job_is_active(state) || is_held(state) || now_ns() - job->life_ns <= limit_ns + slack_ns;
+    bool alive = !job_is_active(state) || held || now_ns() - job->life_ns <= limit_ns + slack_ns;
     (void)pthread_mutex_unlock(&job->mutex);
     return alive;
 }

@@ -46,6 +46,7 @@ enum { JOB_NAME_SIZE = 256 };
 /* What is known of a job at one moment. */
 struct job_status {
     enum job_state state;
+    unsigned number; /* counts the jobs that were begun: one may end before anybody looks */
     char name[JOB_NAME_SIZE]; /* of the session; empty before the first job */
     struct pattern pattern;   /* the one being measured */
     size_t done, patterns;    /* of the session: that were measured, and all */

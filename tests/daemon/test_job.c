@@ -256,6 +256,11 @@ static void devices_that_do_not_open_fail_the_job_and_leave_no_session(void)
     follow(JOB_FAILED, false);
     TEST_ASSERT_EQUAL_STRING("camera /dev/video7: is not there", now.message);
     TEST_ASSERT_EQUAL_INT(-1, access(stage.session, F_OK));
+    TEST_ASSERT_EQUAL_UINT(1, now.number);
+    start(); /* which may fail in the same way before anybody looks, and is told from the first */
+    job_read(job, &now);
+    TEST_ASSERT_EQUAL_UINT(2, now.number);
+    follow(JOB_FAILED, false);
 }
 
 static void complete_session_is_done_without_devices(void)
