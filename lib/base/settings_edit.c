@@ -9,6 +9,8 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
+#include <unistd.h>
 #include <yaml.h>
 
 /* Larger files are no settings. */
@@ -29,7 +31,8 @@ static int read_text(const char *path, char **text, struct nacre_error *error)
         status = nacre_fail_errno(error, errno, "%s: cannot open", path);
     } else if (!*text) {
         status = nacre_fail_memory(error, path);
-    } else if (fread(*text, 1, MOST_BYTES, file) == MOST_BYTES || ferror(file)) {
+    } else if (fread(*text, 1, MOST_BYTES, file) != strlen(*text) || strlen(*text) == MOST_BYTES ||
+               ferror(file)) {
         status = nacre_fail(error, "%s: cannot be read, or is no settings file", path);
     }
     if (file) {
@@ -38,10 +41,11 @@ static int read_text(const char *path, char **text, struct nacre_error *error)
     return status;
 }
 
-/* libyaml counts characters. */
+/* libyaml counts characters, but for a byte order mark. */
 static size_t byte_of(const char *text, size_t character)
 {
-    size_t at = 0;
+    static const char mark[] = "\xEF\xBB\xBF";
+    size_t at = strncmp(text, mark, strlen(mark)) == 0 ? strlen(mark) : 0;
     for (size_t i = 0; i < character && text[at]; i++) {
         at++;
         while (((unsigned char)text[at] & 0xC0) == 0x80) {
@@ -123,7 +127,9 @@ static int find_change(yaml_document_t *document, const char *text,
         } else if (*rest == '\0' && value->type == YAML_SCALAR_NODE) {
             change->from = byte_of(text, value->start_mark.index);
             change->to = byte_of(text, value->end_mark.index);
-            (void)snprintf(change->text, sizeof change->text, "%.6g", edit->value);
+            bool empty = change->from == change->to; /* "key:", which ends at the colon */
+            (void)snprintf(change->text, sizeof change->text, "%s%.6g", empty ? " " : "",
+                           edit->value);
             return NACRE_OK;
         } else {
             return nacre_fail(error, "line %zu: %s is not written as it should be",
@@ -187,6 +193,35 @@ static int check(const char *path, const char *text, const struct settings_schem
     return status;
 }
 
+/* The new file's owner and permissions are the old one's: whoever read it reads it still. */
+static int replace(const char *path, const char *text, struct nacre_error *error)
+{
+    struct whole_file file = {0};
+    struct stat old;
+    int status = whole_file_create(&file, path, error);
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    FILE *stream = fopen(file.temporary, "we");
+    bool written = stream && fputs(text, stream) >= 0;
+    int number = written ? 0 : errno;
+    if (stream && fclose(stream) != 0 && written) {
+        number = errno;
+    }
+    if (number == 0 && (stat(path, &old) != 0 || chmod(file.temporary, old.st_mode & 07777) != 0)) {
+        number = errno;
+    }
+    if (number != 0) {
+        status = nacre_fail_errno(error, number, "cannot write %s", path);
+        goto out;
+    }
+    (void)!chown(file.temporary, old.st_uid, old.st_gid); /* only root may, and others own it */
+    status = whole_file_commit(&file, error);
+out:
+    whole_file_discard(&file);
+    return status;
+}
+
 int settings_edit(const char *path, const struct settings_schema *schema,
                   const struct settings_edit *edits, size_t count, struct nacre_error *error)
 {
@@ -202,7 +237,7 @@ int settings_edit(const char *path, const struct settings_schema *schema,
         status = check(path, text, schema, error);
     }
     if (status == NACRE_OK && text) {
-        status = whole_file_write(path, text, strlen(text), error);
+        status = replace(path, text, error);
     }
     free(text);
     return status;

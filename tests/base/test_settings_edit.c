@@ -137,6 +137,50 @@ static void what_would_not_be_read_is_refused(void)
     refuse("- 1\n", "c", 2, "is no settings file");
 }
 
+static void byte_order_mark_is_no_character(void)
+{
+    edit("\xEF\xBB\xBF"
+         "c: 16\n",
+         "c", 12,
+         "\xEF\xBB\xBF"
+         "c: 12\n");
+    edit("\xEF\xBB\xBF"
+         "name: x\n",
+         "inner.b", 4,
+         "\xEF\xBB\xBF"
+         "inner: {b: 4}\nname: x\n");
+}
+
+static void empty_value_is_filled(void)
+{
+    edit("name: x\nc:\n", "c", 3, "name: x\nc: 3\n");
+}
+
+static void text_behind_a_zero_is_not_lost(void)
+{
+    static const char text[] = "c: 1\n\0name: x\n";
+    const struct settings_edit change = {"c", 2};
+    FILE *file = fopen(path, "w");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_EQUAL_UINT64(sizeof text - 1, fwrite(text, 1, sizeof text - 1, file));
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, settings_edit(path, &schema, &change, 1, &error));
+    is_now("c: 1\n");
+}
+
+/* The daemon, which is another user, must read what root has edited, whatever root's umask is. */
+static void permissions_stay_as_they_are(void)
+{
+    struct stat found;
+    mode_t before = umask(077);
+    put("c: 1\n");
+    TEST_ASSERT_EQUAL_INT(0, chmod(path, 0644));
+    edit("c: 1\n", "c", 2, "c: 2\n");
+    (void)umask(before);
+    TEST_ASSERT_EQUAL_INT(0, stat(path, &found));
+    TEST_ASSERT_EQUAL_HEX(0644, found.st_mode & 0777);
+}
+
 static void file_that_is_not_there_is_refused(void)
 {
     const struct settings_edit change = {"c", 1};
@@ -152,6 +196,10 @@ int main(void)
     RUN_TEST(missing_key_is_added_to_its_mapping);
     RUN_TEST(several_are_changed_at_once);
     RUN_TEST(what_would_not_be_read_is_refused);
+    RUN_TEST(byte_order_mark_is_no_character);
+    RUN_TEST(empty_value_is_filled);
+    RUN_TEST(text_behind_a_zero_is_not_lost);
+    RUN_TEST(permissions_stay_as_they_are);
     RUN_TEST(file_that_is_not_there_is_refused);
     return UNITY_END();
 }
