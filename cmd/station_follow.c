@@ -10,6 +10,7 @@
 #include <stdio.h>
 #include <string.h>
 #include <sys/ioctl.h>
+#include <termios.h>
 #include <unistd.h>
 
 /* The state is asked for so often even if nothing is heard: whoever took nacred down sends no signals. */
@@ -58,12 +59,16 @@ static void show_line(struct screen *screen, const struct station_view *view)
     screen->line = true;
 }
 
-/* A question is shown once. */
+/* A question is shown once; what was typed before it does not answer it. */
 static void show_question(struct screen *screen, const struct station_view *view, bool enter)
 {
     if (strcmp(screen->asked, view->message) != 0) {
         (void)snprintf(screen->asked, sizeof screen->asked, "%s", view->message);
         wipe(screen);
+        if (enter) {
+            (void)tcflush(STDIN_FILENO,
+                          TCIFLUSH); /* a terminal that is gone is noticed when read */
+        }
         (void)fprintf(stderr, "%s: %s\n", view->message,
                       enter ? "press Enter here, or run nacre confirm" : "run nacre confirm");
     }
@@ -105,7 +110,8 @@ static int answer(sd_bus *bus, struct nacre_error *error)
                    ? NACRE_OK
                    : nacre_fail(error, "the terminal was closed; the scan waits for nacre confirm");
     }
-    bool insists = length > 4 && strncmp(line, "sure", 4) == 0;
+    bool insists =
+        length > 4 && strncmp(line, "sure", 4) == 0 && (line[4] == '\n' || line[4] == ' ');
     return station_call(bus, insists ? "Insist" : "Confirm", NULL, NULL, error);
 }
 
