@@ -3,7 +3,8 @@
 
 #include <stdlib.h>
 
-static const enum pattern_kind kinds[] = {PATTERN_WHITE, PATTERN_DOTS};
+/* The first dots come first: where taking over is cut short, the rest is measured only if nothing has moved from them. */
+static const enum pattern_kind kinds[] = {PATTERN_DOTS, PATTERN_WHITE};
 enum { KINDS = sizeof kinds / sizeof *kinds };
 
 /* The stations, but for what has no part in calibrations: the trigger, the sample, the noise's seed. */
