@@ -97,13 +97,37 @@ static int show(struct layer_check *check, int64_t *flip_ns, struct nacre_error 
     return exposer_show(check->exposer, check->levels, flip_ns, error);
 }
 
+/* Exposures of the dots that are shown. */
+typedef int look_fn(struct layer_check *check, int64_t flip_ns, struct nacre_error *error);
+
+/* Show the dots and look at them; again from the beginning where they did not stay on the glass. */
+static int show_and_look(struct layer_check *check, look_fn *look, struct nacre_error *error)
+{
+    struct exposer *exposer = check->exposer;
+    struct projector *projector = exposer->devices->projector;
+    for (int tries = exposer->retries;; tries--) {
+        int64_t flip_ns = 0;
+        int status = show(check, &flip_ns, error);
+        if (status == NACRE_OK) {
+            status = look(check, flip_ns, error);
+        }
+        if (status != NACRE_OK || !projector->ops->confirm) {
+            return status;
+        }
+        status = projector->ops->confirm(projector, error);
+        if (status != NACRE_FAILED || tries == 0) {
+            return status;
+        }
+        exposer->retaken[RETAKE_SHOW]++;
+    }
+}
+
 /* The longest exposure of the plan that does not saturate, which has the least noise. */
-static int find_exposure(struct layer_check *check, struct nacre_error *error)
+static int find_exposure(struct layer_check *check, int64_t flip_ns, struct nacre_error *error)
 {
     size_t index = check->session->plan.exposure_count;
-    int64_t flip_ns = 0;
     double saturation = 1;
-    int status = show(check, &flip_ns, error);
+    int status = NACRE_OK;
     while (status == NACRE_OK && index > 0 && saturation > saturated_share) {
         check->exposure_ns = session_exposure_ns(check->session, --index);
         status = expose(check, 0, flip_ns, error);
@@ -117,7 +141,7 @@ int layer_check_before(struct layer_check *check, struct nacre_error *error)
     int status = NACRE_OK;
     if (!check->known || !check->on_layer) {
         check->exposer->checking = true;
-        status = find_exposure(check, error);
+        status = show_and_look(check, find_exposure, error);
         check->exposer->checking = false;
         check->known = status == NACRE_OK;
         check->on_layer = false;
@@ -183,17 +207,19 @@ static void explain(bool on, bool on_layer, struct layer_finding *finding)
     }
 }
 
+static int expose_twice(struct layer_check *check, int64_t flip_ns, struct nacre_error *error)
+{
+    int status = expose(check, 1, flip_ns, error);
+    return status == NACRE_OK ? expose(check, 2, flip_ns, error) : status;
+}
+
 int layer_check_after(struct layer_check *check, bool on, struct layer_finding *finding,
                       struct nacre_error *error)
 {
     const struct camera *camera = check->exposer->devices->camera;
     size_t pixels = pixels_of(check);
-    int64_t flip_ns = 0;
     check->exposer->checking = true;
-    int status = show(check, &flip_ns, error);
-    for (size_t i = 1; i <= 2 && status == NACRE_OK; i++) {
-        status = expose(check, i, flip_ns, error);
-    }
+    int status = show_and_look(check, expose_twice, error);
     check->exposer->checking = false;
     if (status == NACRE_FAILED) {
         (void)nacre_fail_within(error, "check frame of the white layer");

@@ -11,6 +11,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 
 static const char sample_text[] = "width: 20\n"
                                   "height: 16\n"
@@ -54,7 +55,7 @@ static struct sequence_result result;
 static struct nacre_error error;
 static enum deed deeds[8];
 static struct session old; /* whose calibration is used; closed by tearDown */
-static int requests, doubts, noise;
+static int requests, doubts, noise, retries;
 static char last_doubt[256];
 
 static int lay(void *context, bool on, struct nacre_error *failure)
@@ -110,7 +111,7 @@ void setUp(void)
 {
     error.text[0] = last_doubt[0] = '\0';
     memset(deeds, 0, sizeof deeds);
-    requests = doubts = noise = 0;
+    requests = doubts = noise = retries = 0;
     set_up(station_text);
 }
 
@@ -132,8 +133,8 @@ static int scan(void)
 {
     const struct sequence_operator person = {
         .white_layer = lay, .layer_doubted = doubt, .exposure_ends = renew_noise};
-    const struct sequence_options options = {.check_layer = true,
-                                             .calibration = old.path ? &old : NULL};
+    const struct sequence_options options = {
+        .retries = retries, .check_layer = true, .calibration = old.path ? &old : NULL};
     return sequence_run(&devices, &session, &person, &options, NULL, &result, &error);
 }
 
@@ -173,6 +174,46 @@ static void layer_that_was_not_taken_off_is_noticed(void)
     TEST_ASSERT_EQUAL_INT(1, doubts);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(last_doubt, "no change: the white layer is still on"),
                                  last_doubt);
+}
+
+/* A projector of which another program takes the picture away, for black, during the first pattern. */
+static struct {
+    struct projector base, *inner;
+    int shown, asked;
+} robbed;
+
+static int show_black_first(struct projector *projector, const uint8_t *levels, int64_t *flip_ns,
+                            struct nacre_error *failure)
+{
+    static const uint8_t black[20 * 16];
+    (void)projector;
+    return robbed.inner->ops->show(robbed.inner, robbed.shown++ == 0 ? black : levels, flip_ns,
+                                   failure);
+}
+
+static int confirm_but_first(struct projector *projector, struct nacre_error *failure)
+{
+    (void)projector;
+    return robbed.asked++ == 0 ? nacre_fail(failure, "projector robbed: its picture is gone")
+                               : NACRE_OK;
+}
+
+/* What was seen of black would make any dots a change. */
+static void check_frame_of_another_picture_is_taken_again(void)
+{
+    static const struct projector_ops ops = {
+        .name = "robbed", .show = show_black_first, .confirm = confirm_but_first};
+    robbed.inner = devices.projector;
+    robbed.base = *robbed.inner;
+    robbed.base.ops = &ops;
+    robbed.shown = robbed.asked = 0;
+    devices.projector = &robbed.base;
+    retries = 1;
+    deeds[0] = NOTHING;
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, scan(), error.text);
+    TEST_ASSERT_EQUAL_INT(3, requests);
+    TEST_ASSERT_EQUAL_INT(1, doubts);
+    TEST_ASSERT_EQUAL_INT(1, result.retaken[RETAKE_SHOW]);
 }
 
 static void layer_taken_off_instead_of_laid_on_is_noticed(void)
@@ -375,6 +416,18 @@ static void calibration_waits_for_the_layer(void)
     TEST_ASSERT_EQUAL_INT(STAGE_WHITE + STAGE_DOTS, result.taken_over);
 }
 
+/* What would be measured then is measured only where nothing has moved from the dots that were taken over. */
+static void calibration_that_is_cut_short_has_its_first_dots(void)
+{
+    begin_second("seed: 3", "seed: 4");
+    char *path = session_pattern_path(&session, (struct pattern){PATTERN_WHITE, 0});
+    TEST_ASSERT_EQUAL_INT(0, mkdir(path, 0755)); /* which no file can replace */
+    free(path);
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, scan());
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "white-000.exr"), error.text);
+    TEST_ASSERT_TRUE(session_has(&session, (struct pattern){PATTERN_DOTS, 0}));
+}
+
 static void calibration_of_other_dots_is_refused(void)
 {
     begin_second("dot_spacing: 4", "dot_spacing: 5");
@@ -510,6 +563,7 @@ int main(void)
     RUN_TEST(person_who_does_it_is_asked_once_for_each_change);
     RUN_TEST(layer_that_was_not_laid_on_is_noticed);
     RUN_TEST(layer_that_was_not_taken_off_is_noticed);
+    RUN_TEST(check_frame_of_another_picture_is_taken_again);
     RUN_TEST(layer_taken_off_instead_of_laid_on_is_noticed);
     RUN_TEST(person_who_does_nothing_stops_the_scan);
     RUN_TEST(layer_that_lay_there_before_needs_insistence);
@@ -522,6 +576,7 @@ int main(void)
     RUN_TEST(calibration_is_used_again_where_nothing_moved);
     RUN_TEST(calibration_is_refused_where_something_moved);
     RUN_TEST(calibration_waits_for_the_layer);
+    RUN_TEST(calibration_that_is_cut_short_has_its_first_dots);
     RUN_TEST(calibration_of_other_dots_is_refused);
     RUN_TEST(calibration_of_other_exposures_is_refused);
     RUN_TEST(calibration_of_another_station_is_refused);
