@@ -132,7 +132,8 @@ static void help_to_the_end(void)
         const char *state = state_now();
         if (strcmp(state, "waiting") == 0) {
             ask("confirm", NULL); /* it may have been done */
-        } else if (strcmp(state, "running") != 0 && strcmp(state, "preparing") != 0) {
+        } else if (strcmp(state, "running") != 0 && strcmp(state, "preparing") != 0 &&
+                   strcmp(state, "paused") != 0) { /* which it is for a moment after resume */
             return;
         }
         (void)usleep(10000);
