@@ -143,13 +143,18 @@ static void a_scan_that_lacks_its_last_bytes_is_refused(void)
     every_reader_refuses_the_scan("scan-cut-end.exr");
 }
 
-static void every_reader_refuses_the_material(const char *name)
+static void report_and_render_refuse_the_material(const char *name)
 {
     char *scene = output("scene.yaml");
     stations_write_scene(scene, input(name));
-    REFUSES(FAILED, name, "error", input("scan.exr"), input(name));
     REFUSES(FAILED, name, "report", input("scan.exr"), input(name), "-o", output("out.html"));
     REFUSES(FAILED, name, "render", scene, "-o", output("out.png"));
+}
+
+static void every_reader_refuses_the_material(const char *name)
+{
+    REFUSES(FAILED, name, "error", input("scan.exr"), input(name));
+    report_and_render_refuse_the_material(name);
 }
 
 static void a_missing_material_is_refused(void)
@@ -157,9 +162,13 @@ static void a_missing_material_is_refused(void)
     every_reader_refuses_the_material("absent.exr");
 }
 
+/* `error` compares two scans as well, but not a material's errors in a map, nor by reciprocal pairs. */
 static void a_material_that_is_a_scan_is_refused(void)
 {
-    every_reader_refuses_the_material("made.exr");
+    REFUSES(FAILED, "made.exr", "error", input("scan.exr"), input("made.exr"), "--cross");
+    REFUSES(FAILED, "made.exr", "error", input("scan.exr"), input("made.exr"), "--map",
+            output("map.exr"));
+    report_and_render_refuse_the_material("made.exr");
 }
 
 static void a_material_of_unknown_format_is_refused(void)

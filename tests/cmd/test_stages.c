@@ -91,6 +91,14 @@ static void the_file_holds_the_error_that_was_printed(void)
     json_decref(measured);
 }
 
+static void a_scan_does_not_differ_from_itself(void)
+{
+    json_t *measured = parse(RUN("error", scan, scan, "--json"));
+    TEST_ASSERT_DOUBLE_WITHIN(0, 0, number(measured, NULL, "max"));
+    TEST_ASSERT_DOUBLE_WITHIN(0, MADE_WIDTH * MADE_HEIGHT, number(measured, NULL, "points"));
+    json_decref(measured);
+}
+
 /* The formula is reciprocal and has no noise but the half float's rounding. */
 static void the_error_against_the_noise_free_response_is_estimated(void)
 {
@@ -264,6 +272,7 @@ int main(int argc, char **argv)
     UNITY_BEGIN();
     RUN_TEST(a_separable_material_needs_one_term);
     RUN_TEST(the_file_holds_the_error_that_was_printed);
+    RUN_TEST(a_scan_does_not_differ_from_itself);
     RUN_TEST(the_error_against_the_noise_free_response_is_estimated);
     RUN_TEST(the_same_seed_gives_the_same_factors);
     RUN_TEST(with_a_source_date_two_runs_give_the_same_file);
