@@ -255,7 +255,10 @@ static int prepare(struct run *run, const struct sequence_options *options,
         return status;
     }
     status = sequence_check_disk(session->path, needs, error);
-    return status == NACRE_OK ? sequence_writer_new(session, &run->writer, error) : status;
+    const struct sequence_writer_listener listener = {run->person->exposure_ends,
+                                                      run->person->context};
+    return status == NACRE_OK ? sequence_writer_new(session, &listener, &run->writer, error)
+                              : status;
 }
 
 /* What the run leaves to be told. */

@@ -30,7 +30,7 @@ struct sequence_operator {
      * files only. May be NULL. */
     int (*pattern_begins)(void *context, const struct sequence_moment *moment,
                           struct nacre_error *error);
-    /* An exposure was tried, taken or not: a sign of life. May be NULL. */
+    /* A sign of life: an exposure was tried, taken or not, or the disk that is waited for has moved on. May be NULL. */
     void (*exposure_ends)(void *context);
     /* A check frame does not show what white_layer said; `why` is a sentence without a full stop.
      * white_layer is called again next. May be NULL. */

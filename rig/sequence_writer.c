@@ -12,6 +12,7 @@ enum { THREADS = 2, CAPACITY = 4 };
 
 struct sequence_writer {
     const struct session *session;
+    struct sequence_writer_listener listener;
     pthread_t threads[THREADS];
     int thread_count;
     pthread_mutex_t mutex; /* guards all below */
@@ -74,15 +75,16 @@ static void *write_patterns(void *context)
         } else if (writer->status == NACRE_OK) {
             writer->status = status;
             writer->error = error;
-            (void)pthread_cond_broadcast(&writer->changed);
         }
+        (void)pthread_cond_broadcast(&writer->changed);
         (void)pthread_mutex_unlock(&writer->mutex);
     }
     return NULL;
 }
 
-int sequence_writer_new(const struct session *session, struct sequence_writer **writer,
-                        struct nacre_error *error)
+int sequence_writer_new(const struct session *session,
+                        const struct sequence_writer_listener *listener,
+                        struct sequence_writer **writer, struct nacre_error *error)
 {
     int status = NACRE_OK;
     struct sequence_writer *made = calloc(1, sizeof *made);
@@ -91,6 +93,7 @@ int sequence_writer_new(const struct session *session, struct sequence_writer **
         goto out;
     }
     made->session = session;
+    made->listener = *listener;
     (void)pthread_mutex_init(&made->mutex, NULL); /* default attributes cannot fail on Linux */
     (void)pthread_cond_init(&made->changed, NULL);
     while (made->thread_count < THREADS) {
@@ -119,12 +122,21 @@ static int report(struct sequence_writer *writer, struct nacre_error *error)
     return writer->status;
 }
 
+/* Wait for a change and tell of it; the mutex is held. */
+static void wait_for_disk(struct sequence_writer *writer)
+{
+    (void)pthread_cond_wait(&writer->changed, &writer->mutex);
+    if (writer->listener.moved) {
+        writer->listener.moved(writer->listener.context);
+    }
+}
+
 int sequence_writer_put(struct sequence_writer *writer, struct pattern_frames *frames,
                         struct nacre_error *error)
 {
     (void)pthread_mutex_lock(&writer->mutex);
     while (writer->length == CAPACITY && writer->status == NACRE_OK) {
-        (void)pthread_cond_wait(&writer->changed, &writer->mutex);
+        wait_for_disk(writer);
     }
     int status = report(writer, error);
     if (status == NACRE_OK) {
@@ -152,6 +164,9 @@ int sequence_writer_finish(struct sequence_writer *writer, size_t *patterns, uin
     (void)pthread_mutex_lock(&writer->mutex);
     writer->ending = true;
     (void)pthread_cond_broadcast(&writer->changed);
+    while (writer->thread_count > 0 && writer->length + writer->writing > 0) {
+        wait_for_disk(writer);
+    }
     (void)pthread_mutex_unlock(&writer->mutex);
     while (writer->thread_count > 0) {
         (void)pthread_join(writer->threads[--writer->thread_count], NULL);

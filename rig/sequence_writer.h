@@ -10,9 +10,17 @@
 
 struct sequence_writer;
 
+/* Who is told in sequence_writer_put and sequence_writer_finish, while they wait, that the disk moves on. `moved` may be
+ * NULL. */
+struct sequence_writer_listener {
+    void (*moved)(void *context);
+    void *context;
+};
+
 /* Start the threads. `session` must outlive the writer. */
-int sequence_writer_new(const struct session *session, struct sequence_writer **writer,
-                        struct nacre_error *error);
+int sequence_writer_new(const struct session *session,
+                        const struct sequence_writer_listener *listener,
+                        struct sequence_writer **writer, struct nacre_error *error);
 
 /* Hand a pattern over to be written; its contents are the writer's and *frames is empty afterwards,
  * whatever happens. Waits while the queue is full. Fails once any write has failed. */
