@@ -8,12 +8,15 @@
 #include "unity.h"
 
 #include <jansson.h>
+#include <poll.h>
+#include <pty.h>
 #include <signal.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <systemd/sd-bus.h>
 #include <time.h>
 #include <unistd.h>
@@ -212,6 +215,47 @@ static void start_follows_the_scan_to_its_end(void)
     check_text("output", "\"state\": \"done\"");
     check_text("errors", "then confirm: run nacre confirm\n");
     check_complete("stone");
+}
+
+/* Read from a terminal until `words` have been said. */
+static void read_until(int terminal, const char *words)
+{
+    char said[4096] = "";
+    size_t length = 0;
+    while (!strstr(said, words)) {
+        struct pollfd source = {.fd = terminal, .events = POLLIN};
+        TEST_ASSERT_EQUAL_INT_MESSAGE(1, poll(&source, 1, 60000), said);
+        ssize_t got = read(terminal, said + length, sizeof said - 1 - length);
+        TEST_ASSERT_TRUE_MESSAGE(got > 0, said);
+        length += (size_t)got;
+        said[length] = '\0';
+    }
+}
+
+/* Enter is pressed once for the layer and once more, idly, while patterns are measured on it. */
+static void enter_before_the_question_does_not_answer_it(void)
+{
+    int terminal;
+    int status = -1;
+    begin_virtual("60", NULL, 0);
+    pid_t child = forkpty(&terminal, NULL, NULL, NULL);
+    TEST_ASSERT_TRUE(child >= 0);
+    if (child == 0) {
+        (void)execl(nacre, nacre, "start", "stone", "--user", NULL);
+        _exit(127);
+    }
+    read_until(terminal, "lay the white diffuse layer on the sample, then confirm: press Enter");
+    TEST_ASSERT_EQUAL_INT(1, write(terminal, "\n", 1));
+    wait_for_state("running");
+    TEST_ASSERT_EQUAL_INT(1, write(terminal, "\n", 1));
+    read_until(terminal, "take the white diffuse layer off the sample, then confirm: press Enter");
+    (void)usleep(500000); /* the answer to the first question took much less */
+    TEST_ASSERT_EQUAL_STRING("waiting", state_now());
+    TEST_ASSERT_EQUAL_INT(1, write(terminal, "\n", 1));
+    read_until(terminal, "stone is complete");
+    TEST_ASSERT_EQUAL_INT(child, waitpid(child, &status, 0));
+    TEST_ASSERT_EQUAL_INT(0, status);
+    (void)close(terminal);
 }
 
 static void requests_are_refused_with_the_reason(void)
@@ -543,6 +587,7 @@ int main(int argc, char **argv)
     RUN_TEST(verbs_say_when_nacred_does_not_run);
     RUN_TEST(scan_is_begun_helped_and_done_by_verbs);
     RUN_TEST(start_follows_the_scan_to_its_end);
+    RUN_TEST(enter_before_the_question_does_not_answer_it);
     RUN_TEST(requests_are_refused_with_the_reason);
     RUN_TEST(plan_of_a_file_is_measured);
     RUN_TEST(scan_is_paused_and_goes_on);
