@@ -241,7 +241,8 @@ static int take(struct camera *base, int64_t timeout_ns, struct camera_frame *fr
         if (found == CAMERA_NONE) {
             continue;
         }
-        if (!is_stale(camera, &buffer)) {
+        /* Frames without stamps would be stale for ever. */
+        if (!buffer.stamped || !is_stale(camera, &buffer)) {
             break;
         }
         int status = discard(camera, &buffer, error);
