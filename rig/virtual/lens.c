@@ -46,34 +46,56 @@ static double slope(const double k[2], double r)
     return 1 + r * r * (3 * k[0] + 5 * r * r * k[1]);
 }
 
-bool lens_distortion_is_sound(const double k[2])
+bool lens_distortion_is_sound(const double k[2], double reach)
 {
     enum { STEPS = 200 };
     for (int i = 0; i <= STEPS; i++) {
-        double r = 2. * i / STEPS;
+        double r = 2 * reach * i / STEPS;
         if (slope(k, r) <= 0.05) {
             return false;
         }
-        if (distorted(k, r) >= 1) {
+        if (distorted(k, r) >= reach) {
             return true;
         }
     }
     return false;
 }
 
+/* The radius that is seen at `seen`. */
+static double undistorted(const double k[2], double seen)
+{
+    enum { STEPS = 60 };
+    const double step = 0.02 * seen;
+    double low = 0;
+    double high = seen;
+    while (distorted(k, high) < seen && high < 2 * seen) {
+        low = high;
+        high += step;
+    }
+    double r = high;
+    for (int i = 0; i < STEPS; i++) {
+        double off = distorted(k, r) - seen;
+        double before = r;
+        low = off < 0 ? r : low;
+        high = off < 0 ? high : r;
+        /* Newton's step, or half of the way where that would leave what is known to enclose the radius. */
+        r -= off / slope(k, r);
+        r = r >= low && r <= high ? r : 0.5 * (low + high);
+        if (fabs(r - before) <= 1e-15 * seen) {
+            break;
+        }
+    }
+    return r;
+}
+
 void lens_straighten(const double k[2], int width, int height, double *u, double *v)
 {
-    enum { STEPS = 8 };
     double dx = *u - 0.5 * width;
     double dy = *v - 0.5 * height;
     double corner = 0.5 * hypot(width, height);
     double seen = hypot(dx, dy) / corner;
-    double r = seen;
     if (seen > 0) {
-        /* Newton: what is sound bends little, so that the error squares from a few per cent on. */
-        for (int i = 0; i < STEPS; i++) {
-            r -= (distorted(k, r) - seen) / slope(k, r);
-        }
+        double r = undistorted(k, seen);
         *u = 0.5 * width + dx * r / seen;
         *v = 0.5 * height + dy * r / seen;
     }

@@ -15,8 +15,9 @@ struct lens_places {
 void lens_places_sharp(struct lens_places *places);
 void lens_places_defocused(double diameter_px, struct lens_places *places);
 
-/* Whether Brown's r (1 + k1 r^2 + k2 r^4) grows as far as the frame's corners, where it is 1 or more for some r up to 2. */
-bool lens_distortion_is_sound(const double k[2]);
+/* Whether Brown's r (1 + k1 r^2 + k2 r^4) grows as far as `reach`, which some r up to twice that comes to. The frame's
+ * corners are at 1; a defocused lens gathers light from beyond them. */
+bool lens_distortion_is_sound(const double k[2], double reach);
 
 /* Where a pixel's place (u, v) would be without distortion, in a frame of width x height. */
 void lens_straighten(const double k[2], int width, int height, double *u, double *v);

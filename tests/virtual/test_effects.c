@@ -3,6 +3,7 @@
 
 #include "full.h"
 #include "rig/virtual/effects_list.h"
+#include "rig/virtual/surface.h"
 #include "scratch.h"
 #include "unity.h"
 
@@ -228,6 +229,49 @@ static void list_leaves_out_a_wheel_whose_turns_are_whole_and_what_is_forbidden(
     free(text);
 }
 
+/* One random number makes both noises. */
+static void list_lets_read_noise_pay_where_shot_noise_is_forbidden(void)
+{
+    size_t count;
+    char *text = NULL;
+    struct effect *effects = list(full_station, full_sample, 4, &count);
+    double seconds = find(effects, count, "shot noise")->seconds;
+    TEST_ASSERT_TRUE(seconds > 0);
+    TEST_ASSERT_EQUAL_DOUBLE(0, find(effects, count, "read noise")->seconds);
+    free(effects);
+    TEST_ASSERT_TRUE(asprintf(&text, "%swithout: [shot noise]\n", full_station) >= 0);
+    effects = list(text, full_sample, 4, &count);
+    TEST_ASSERT_EQUAL_DOUBLE(0, find(effects, count, "shot noise")->seconds);
+    TEST_ASSERT_EQUAL_DOUBLE(seconds, find(effects, count, "read noise")->seconds);
+    free(effects);
+    free(text);
+}
+
+/* Specks of 50 to 150 mm cover a sample of a hundredth of a millimetre; going over all of their places would take an hour. */
+static void dust_larger_than_the_sample_covers_it_at_once(void)
+{
+    struct nacre_error error;
+    struct station settings;
+    struct sample sample;
+    struct surface surface = {0};
+    struct effects effects = {.simulated[EFFECT_DUST] = true};
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, station_read(scratch_text("station.yaml", plain_station), &settings, &error),
+        error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, sample_read(scratch_text("sample.yaml", full_sample), &sample, &error),
+        error.text);
+    sample.pitch_mm = 1e-3;
+    sample.dust = (struct sample_dust){.per_cm2 = 1e6, .size_mm = 100};
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, surface_init(&settings, &sample, &effects, &surface, &error));
+    for (int i = 0; i < sample.width * sample.height; i++) {
+        TEST_ASSERT_EQUAL_FLOAT(0, surface.clear[i]);
+    }
+    surface_finish(&surface);
+    sample_finish(&sample);
+    station_finish(&settings);
+}
+
 static void refuses(const char *station_text, const char *expected)
 {
     struct nacre_error error;
@@ -257,6 +301,22 @@ static void station_is_refused_for_what_no_single_key_shows(void)
         "none lets blue through");
     refuses_with("virtual: {camera: {distortion: [-0.45, 0]}}\n",
                  "station.yaml:5: virtual.camera.distortion: [-0.45, 0] folds");
+    /* 0.14 r^3 is taken from r: less than 1.04 is left anywhere, and the lens gathers light from 1.1. */
+    refuses_with("virtual: {camera: {distortion: [-0.14, 0], defocus_px: 10}}\n",
+                 "station.yaml:5: virtual.camera.distortion: [-0.14, 0] folds");
+    refuses_with("virtual: {projector: {wheel: {segments: []}}}\n",
+                 "station.yaml:5: virtual.projector.wheel.segments: there are none");
+    refuses_with("virtual: {projector: {contrast: 0.5}}\n",
+                 "station.yaml:5: virtual.projector.contrast: with 0.5 black is as bright");
+    refuses_with("virtual:\n  tilt_deg: [20, 0]\n  camera: {elevation_deg: 75}\n",
+                 "station.yaml:7: virtual: the camera sees the stage from below");
+    refuses_with("virtual:\n  camera: {distance_mm: 2, elevation_deg: 60}\n",
+                 "station.yaml:6: virtual: part of the sample is behind the camera");
+    refuses("sample: {width: 16, height: 12, pitch_mm: 0.5}\n"
+            "camera: {driver: v4l2, width: 80, height: 60, bits: 12, bayer: RGGB}\n"
+            "projector: {driver: egl, wheel_hz: 30}\ntrigger: {driver: usb}\n"
+            "without: [shot noise]\n",
+            "station.yaml:5: without: only a virtual station can leave effects out");
 }
 
 static void station_is_refused_for_keys_out_of_range_with_line_and_column(void)
@@ -306,6 +366,8 @@ int main(void)
     RUN_TEST(plain_station_does_no_work_at_all);
     RUN_TEST(list_names_the_line_that_calls_for_each_effect);
     RUN_TEST(list_leaves_out_a_wheel_whose_turns_are_whole_and_what_is_forbidden);
+    RUN_TEST(list_lets_read_noise_pay_where_shot_noise_is_forbidden);
+    RUN_TEST(dust_larger_than_the_sample_covers_it_at_once);
     RUN_TEST(station_is_refused_for_what_no_single_key_shows);
     RUN_TEST(station_is_refused_for_keys_out_of_range_with_line_and_column);
     RUN_TEST(sample_is_refused_for_a_surface_or_dust_that_cannot_be);

@@ -20,7 +20,7 @@ static void straightening_inverts_brown_s_polynomial(void)
     enum { WIDTH = 300, HEIGHT = 200 };
     double corner = 0.5 * hypot(WIDTH, HEIGHT);
     for (int k = 0; k < 4; k++) {
-        TEST_ASSERT_TRUE(lens_distortion_is_sound(ks[k]));
+        TEST_ASSERT_TRUE(lens_distortion_is_sound(ks[k], 1));
         for (int i = 0; i <= 20; i++) {
             double x = 20. * i - 200 + 0.3;
             double y = 11. * i - 110;
@@ -38,9 +38,43 @@ static void straightening_inverts_brown_s_polynomial(void)
 
 static void distortion_that_folds_is_told_from_sound_one(void)
 {
-    TEST_ASSERT_TRUE(lens_distortion_is_sound((double[2]){0, 0}));
-    TEST_ASSERT_FALSE(lens_distortion_is_sound((double[2]){-0.4, 0}));
-    TEST_ASSERT_FALSE(lens_distortion_is_sound((double[2]){0, -0.3}));
+    TEST_ASSERT_TRUE(lens_distortion_is_sound((double[2]){0, 0}, 1));
+    TEST_ASSERT_FALSE(lens_distortion_is_sound((double[2]){-0.4, 0}, 1));
+    TEST_ASSERT_FALSE(lens_distortion_is_sound((double[2]){0, -0.3}, 1));
+}
+
+/* This one grows as far as the corners and falls soon beyond them. */
+static void distortion_must_reach_as_far_as_a_defocused_lens_does(void)
+{
+    TEST_ASSERT_TRUE(lens_distortion_is_sound((double[2]){-0.14, 0}, 1));
+    TEST_ASSERT_FALSE(lens_distortion_is_sound((double[2]){-0.14, 0}, 1.1));
+    TEST_ASSERT_TRUE(lens_distortion_is_sound((double[2]){0, 0}, 5));
+}
+
+/* All that is sound, in steps of 0.04 of both numbers, is inverted everywhere that it must reach. */
+static void every_sound_distortion_is_inverted(void)
+{
+    enum { SIDE = 200 };
+    const double reach = 1.1;
+    double corner = 0.5 * hypot(SIDE, SIDE);
+    int sound = 0;
+    for (int n = 0; n < 26 * 26; n++) {
+        const int row = n / 26;
+        const double k[2] = {0.04 * (n % 26) - 0.5, 0.04 * row - 0.5};
+        bool good = lens_distortion_is_sound(k, reach);
+        sound += good;
+        for (int i = 1; i <= 50 && good; i++) {
+            double seen = reach * i / 50;
+            double u = 0.5 * SIDE + seen * corner;
+            double v = 0.5 * SIDE;
+            lens_straighten(k, SIDE, SIDE, &u, &v);
+            double r = (u - 0.5 * SIDE) / corner;
+            /* Roundings of numbers near 2. */
+            TEST_ASSERT_DOUBLE_WITHIN(1e-12, seen, r * (1 + r * r * (k[0] + r * r * k[1])));
+            TEST_ASSERT_TRUE(r > 0 && r < 2 * reach);
+        }
+    }
+    TEST_ASSERT_TRUE(sound > 26 * 26 / 4);
 }
 
 /* Middle and variance of places: the square's 1/12, and the disc's d^2 / 16 where defocused. */
@@ -101,6 +135,8 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(straightening_inverts_brown_s_polynomial);
     RUN_TEST(distortion_that_folds_is_told_from_sound_one);
+    RUN_TEST(distortion_must_reach_as_far_as_a_defocused_lens_does);
+    RUN_TEST(every_sound_distortion_is_inverted);
     RUN_TEST(places_cover_the_pixel_and_the_circle_of_confusion);
     RUN_TEST(surface_mirrors_as_its_facets_do);
     RUN_TEST(rougher_surface_sends_more_aside);
