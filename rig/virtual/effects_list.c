@@ -164,7 +164,8 @@ static struct evidence find_camera(const struct list *list, enum effect_id id)
         return (struct evidence){sensor->electrons_line, false, pixel_s * NOISE_NS};
     case EFFECT_READ_NOISE:
         return (struct evidence){sensor->read_noise_line, false,
-                                 sensor->electrons > 0 ? 0 : pixel_s * NOISE_NS};
+                                 list->planned.simulated[EFFECT_SHOT_NOISE] ? 0
+                                                                            : pixel_s * NOISE_NS};
     case EFFECT_READOUT:
         return (struct evidence){camera->readout_line, false, 0};
     case EFFECT_DROPPED_FRAMES:

@@ -83,12 +83,14 @@ static void cover(const struct sample *sample, const double middle_mm[2], double
     long reach = (long)ceil(radius_mm / place_mm) + 1;
     long column = (long)floor(middle_mm[0] / place_mm);
     long row = (long)floor(middle_mm[1] / place_mm);
-    for (long y = row - reach; y <= row + reach; y++) {
-        for (long x = column - reach; x <= column + reach; x++) {
+    /* A speck may be much larger than the sample. */
+    long left = column > reach ? column - reach : 0;
+    long top = row > reach ? row - reach : 0;
+    for (long y = top; y <= row + reach && y < rows; y++) {
+        for (long x = left; x <= column + reach && x < columns; x++) {
             double dx = ((double)x + 0.5) * place_mm - middle_mm[0];
             double dy = ((double)y + 0.5) * place_mm - middle_mm[1];
-            if (x >= 0 && y >= 0 && x < columns && y < rows &&
-                dx * dx + dy * dy <= radius_mm * radius_mm) {
+            if (dx * dx + dy * dy <= radius_mm * radius_mm) {
                 covered[y * columns + x] = 1;
             }
         }
