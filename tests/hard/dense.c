@@ -19,7 +19,7 @@ static double *multiply(const double *a, const double *b, size_t rows, size_t in
 
 static double *transpose(const double *a, size_t rows, size_t columns)
 {
-    double *t = malloc(rows * columns * sizeof *t);
+    double *t = calloc(rows * columns, sizeof *t);
     for (size_t i = 0; i < rows * columns; i++) {
         t[i % columns * rows + i / columns] = a[i];
     }
