@@ -9,8 +9,8 @@
 
 /* A transfer takes about a millisecond; a board that takes longer hangs. */
 enum { TRANSFER_MS = 500, REPLUG_MS = 3000, PACKET = 64, TRIES = 2, SYNCS = 3 };
-/* The wheel must lock and the loop settle within this. */
-static const int64_t settle_ns = 10000000000;
+/* The wheel must be found within this. */
+static const int64_t search_ns = 10000000000;
 static const int64_t poll_ns = 50000000;
 
 const struct usb_kind trigger_usb_kind = {
@@ -214,29 +214,57 @@ double trigger_usb_wheel_hz(const struct board_status *status)
 }
 
 /* The loop's time constant is 2^(gain + 1) turns; after four of them, 2 % is left of what it began with. */
-static bool settled(const struct board_status *status)
+static unsigned turns_missing(const struct board_status *status)
 {
-    return (status->state & BOARD_LOCKED) && status->locked_turns >= 8U << status->settings.gain;
+    unsigned wanted = 8U << status->settings.gain;
+    return status->locked_turns < wanted ? wanted - status->locked_turns : 0;
 }
 
+/* How long a locked loop takes to settle, and a second for good measure. */
+static int64_t settle_ns(const struct board_status *status)
+{
+    double hz = trigger_usb_wheel_hz(status);
+    return 1000000000 + (hz > 0 ? (int64_t)(turns_missing(status) * 1e9 / hz) : 0);
+}
+
+static int fail_unsettled(const struct board_status *status, bool found, struct nacre_error *error)
+{
+    if (found) {
+        return nacre_fail(error,
+                          "trigger board: loses the colour wheel again and again (%d spurious "
+                          "pulses, %d missed, lost %d times); does the photodiode see its index "
+                          "clearly?",
+                          status->spurious, status->missed, status->unlocks);
+    }
+    return nacre_fail(error,
+                      "trigger board: finds no colour wheel within %" PRId64
+                      " s (%d spurious pulses, %d missed); does the projector run, and does the "
+                      "photodiode see its index?",
+                      search_ns / 1000000000, status->spurious, status->missed);
+}
+
+/* A slow gain takes the time that it needs: up to 102 s for gain 6 on a wheel of 5 Hz. */
 static int wait_settled(struct usb_trigger *trigger, struct board_status *status,
                         struct nacre_error *error)
 {
-    int64_t end = clock_now_ns(trigger->clock) + settle_ns;
-    int result = get_status(trigger, status, error);
-    while (result == NACRE_OK && !settled(status) && clock_now_ns(trigger->clock) < end) {
-        clock_sleep_until_ns(trigger->clock, clock_now_ns(trigger->clock) + poll_ns);
-        result = get_status(trigger, status, error);
+    int64_t end = clock_now_ns(trigger->clock) + search_ns;
+    bool found = false;
+    for (;;) {
+        int result = get_status(trigger, status, error);
+        bool locked = (status->state & BOARD_LOCKED) != 0;
+        if (result != NACRE_OK || (locked && turns_missing(status) == 0)) {
+            return result;
+        }
+        int64_t now = clock_now_ns(trigger->clock);
+        if (locked && !found) {
+            end = now + settle_ns(status);
+            found = true;
+        }
+        if (now >= end) {
+            return fail_unsettled(status, found, error);
+        }
+        clock_sleep_until_ns(trigger->clock, now + poll_ns);
     }
-    if (result == NACRE_OK && !settled(status)) {
-        result =
-            nacre_fail(error,
-                       "trigger board: finds no colour wheel within %" PRId64
-                       " s (%d spurious pulses, %d missed); does the projector run, and does the "
-                       "photodiode see its index?",
-                       settle_ns / 1000000000, status->spurious, status->missed);
-    }
-    return result;
 }
 
 /* How many turns the exposure is; it must be a whole number of them to half a percent. */

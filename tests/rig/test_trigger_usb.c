@@ -21,6 +21,7 @@ static struct trigger *trigger;
 /* What goes wrong, and when. */
 static struct {
     void (*before_in)(int call); /* called before each read of events */
+    void (*before_status)(void);
     int reads;
     bool silent;        /* transfers time out */
     bool deaf;          /* the host controller fails */
@@ -53,6 +54,9 @@ static int bus_control(struct usb *usb, uint8_t type, uint8_t request, uint16_t 
     (void)usb;
     if (bus.silent || bus.deaf) {
         return bus.silent ? USB_TIMEOUT : USB_BROKEN;
+    }
+    if (bus.before_status && type == 0xc0) {
+        bus.before_status();
     }
     int moved =
         result_of(simulated_control(board, type, request, value, 0, data, size, timeout_ms));
@@ -232,6 +236,39 @@ static void waits_until_the_loop_has_settled(void)
     make();
     (void)fire(1);
     TEST_ASSERT_TRUE((double)board->edges[0].cycle / PERIOD > 8 << BOARD_GAIN_DEFAULT);
+}
+
+/* 512 turns at 30 Hz. */
+static void waits_as_long_as_the_slowest_gain_takes(void)
+{
+    const struct board_settings settings = {.gain = BOARD_GAIN_MAX, .coast = 8};
+    make();
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, trigger_usb_set(trigger, &settings, &error));
+    (void)fire(1);
+    double turns = (double)board->edges[0].cycle / PERIOD;
+    TEST_ASSERT_TRUE(turns > 8 << BOARD_GAIN_MAX);
+    TEST_ASSERT_TRUE(turns < (8 << BOARD_GAIN_MAX) + 20);
+}
+
+/* The wheel stops and goes while the loop settles. */
+static void stutter(void)
+{
+    static int calls;
+    if (calls++ % 20 == 10) {
+        simulated_turn(board, (struct wheel){.stopped = true});
+        simulated_run(board, 12 * PERIOD);
+        simulated_turn(board, (struct wheel){.period = PERIOD, .seed = 5});
+    }
+}
+
+static void says_that_the_wheel_is_lost_again_and_again(void)
+{
+    make();
+    bus.before_status = stutter;
+    fails_to_fire(1, "loses the colour wheel again and again");
+    TEST_ASSERT_TRUE((double)board->avr->cycle < 20 * CYCLES_PER_SECOND);
+    bus.before_status = NULL;
+    (void)fire(1);
 }
 
 static void refuses_exposures_that_are_no_whole_turns(void)
@@ -433,6 +470,8 @@ int main(int argc, char **argv)
     UNITY_BEGIN();
     RUN_TEST(fires_exposures_and_gives_the_time_of_their_beginning);
     RUN_TEST(waits_until_the_loop_has_settled);
+    RUN_TEST(waits_as_long_as_the_slowest_gain_takes);
+    RUN_TEST(says_that_the_wheel_is_lost_again_and_again);
     RUN_TEST(refuses_exposures_that_are_no_whole_turns);
     RUN_TEST(says_that_there_is_no_wheel);
     RUN_TEST(says_that_the_wheel_was_lost_and_recovers);
