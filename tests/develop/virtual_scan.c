@@ -49,7 +49,9 @@ static int begin(void *context, const struct sequence_moment *moment, struct nac
     return NACRE_OK;
 }
 
-static void measure(const char *path, const char *station, struct sequence_result *result)
+static void measure(const char *path, const char *station,
+                    void (*wrap)(void *context, struct devices *), void *context,
+                    struct sequence_result *result)
 {
     struct session session;
     struct virtual_station *simulated = NULL;
@@ -59,6 +61,9 @@ static void measure(const char *path, const char *station, struct sequence_resul
                               .projector = virtual_station_projector(simulated),
                               .trigger = virtual_station_trigger(simulated),
                               .clock = virtual_station_clock(simulated)};
+    if (wrap) {
+        wrap(context, &devices);
+    }
     struct sequence_operator person = {
         .context = simulated, .white_layer = lay, .pattern_begins = begin};
     struct sequence_options options = {.retries = 20, .tolerance_ns = 2000000};
@@ -70,6 +75,13 @@ static void measure(const char *path, const char *station, struct sequence_resul
 void virtual_scan_run(const char *folder, struct sequence_result *result,
                       struct develop_report *report)
 {
+    virtual_scan_run_around(folder, NULL, NULL, result, report);
+}
+
+void virtual_scan_run_around(const char *folder, void (*wrap)(void *context, struct devices *),
+                             void *context, struct sequence_result *result,
+                             struct develop_report *report)
+{
     struct develop_options options = {.black = BLACK_SUBTRACT,
                                       .confidence = 0.99,
                                       .demosaic = DEMOSAIC_AUTO,
@@ -78,7 +90,7 @@ void virtual_scan_run(const char *folder, struct sequence_result *result,
     char *path = join(folder, "session");
     char *station = join(folder, "station.yaml");
     char *output = join(folder, "scan.exr");
-    measure(path, station, result);
+    measure(path, station, wrap, context, result);
     must(develop_session(path, &options, output, NULL, report, &error));
     free(path);
     free(station);

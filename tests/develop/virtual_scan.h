@@ -12,6 +12,11 @@ void virtual_scan_write(const char *folder, const char *name, const char *text);
 void virtual_scan_run(const char *folder, struct sequence_result *result,
                       struct develop_report *report);
 
+/* The same with the devices that `wrap` puts in place of the virtual station's. */
+void virtual_scan_run_around(const char *folder, void (*wrap)(void *context, struct devices *),
+                             void *context, struct sequence_result *result,
+                             struct develop_report *report);
+
 /* The exact responses of FOLDER/sample.yaml as FOLDER/exact.exr. */
 void virtual_scan_exact(const char *folder, int window);
 
