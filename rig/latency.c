@@ -6,6 +6,7 @@
 
 #include <inttypes.h>
 #include <math.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -31,6 +32,7 @@ struct meter {
     double mean[2][COLOURS]; /* of the raw values under black and white */
     double *light_ms, *camera_ms;
     size_t light_count, camera_count;
+    bool unknown;              /* which of the two is on the glass */
     double below_ms, above_ms; /* the change lies between, by frames that saw none or all of it */
 };
 
@@ -112,7 +114,20 @@ static int expose(struct meter *meter, int64_t at_ns, struct glimpse *glimpse,
 static int show(struct meter *meter, int white, struct glimpse *glimpse, struct nacre_error *error)
 {
     struct projector *projector = meter->devices->projector;
-    return projector->ops->show(projector, meter->levels[white], &glimpse->flip_ns, error);
+    int status = projector->ops->show(projector, meter->levels[white], &glimpse->flip_ns, error);
+    meter->unknown = status != NACRE_OK;
+    return status;
+}
+
+/* Show again what the last flip was to bring, where it failed: a flip to what is there already would seem to take no time. */
+static int settle(struct meter *meter, int white, struct nacre_error *error)
+{
+    struct glimpse glimpse = {0};
+    int status = meter->unknown ? show(meter, white, &glimpse, error) : NACRE_OK;
+    if (status == NACRE_OK && glimpse.flip_ns) {
+        clock_sleep_until_ns(meter->devices->clock, glimpse.flip_ns + settled_ns);
+    }
+    return status;
 }
 
 /* Black and white long after they were shown. */
@@ -218,8 +233,11 @@ static int flip_once(struct meter *meter, int i, struct nacre_error *error)
     struct glimpse glimpse = {0};
     int white = (i + 1) % 2; /* white is on the glass when it begins */
     int64_t delay_ns = next_delay(meter, i);
+    int status = settle(meter, white, error);
     white = !white;
-    int status = show(meter, white, &glimpse, error);
+    if (status == NACRE_OK) {
+        status = show(meter, white, &glimpse, error);
+    }
     if (status == NACRE_OK) {
         status = expose(meter, glimpse.flip_ns + delay_ns, &glimpse, error);
     }

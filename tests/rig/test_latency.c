@@ -139,6 +139,21 @@ static void no_latency_is_none(void)
     TEST_ASSERT_TRUE(report.light.median_ms <= 33.4 / 12);
 }
 
+/* A projector of which one flip fails and leaves what is there. */
+static struct {
+    struct projector base, *inner;
+    int shown, fail_at;
+} weak;
+
+static int show_weakly(struct projector *projector, const uint8_t *levels, int64_t *flip_ns,
+                       struct nacre_error *failure)
+{
+    (void)projector;
+    return weak.shown++ == weak.fail_at
+               ? nacre_fail(failure, "projector weak: did not flip")
+               : weak.inner->ops->show(weak.inner, levels, flip_ns, failure);
+}
+
 static void trigger_locked_to_the_wheel_finds_it_too(void)
 {
     static const struct trigger_ops ops = {.name = "locked", .fire = fire_locked};
@@ -149,6 +164,28 @@ static void trigger_locked_to_the_wheel_finds_it_too(void)
     devices.trigger = &locked.base;
     measure();
     TEST_ASSERT_DOUBLE_WITHIN(bound_ms, 40, report.light.median_ms);
+}
+
+/* Exposures that begin just when the light changes see none or all of it, which tells the change to a twelfth of an exposure
+ * each way. Where a flip failed, the next brings what is there already. */
+static void flip_that_fails_does_not_make_the_latency_shorter(void)
+{
+    static const struct trigger_ops trigger_ops = {.name = "locked", .fire = fire_locked};
+    static const struct projector_ops ops = {.name = "weak", .show = show_weakly};
+    set_up("latency_ms: 16", "latency_ms: 43.3333333");
+    locked.base.ops = &trigger_ops;
+    locked.inner = devices.trigger;
+    locked.phase_ns = 10000000;
+    devices.trigger = &locked.base;
+    weak.inner = devices.projector;
+    weak.base = *weak.inner;
+    weak.base.ops = &ops;
+    weak.shown = 0;
+    weak.fail_at = 2; /* the first to black, after the first look at black and white */
+    devices.projector = &weak.base;
+    measure();
+    TEST_ASSERT_EQUAL_INT(1, report.lost);
+    TEST_ASSERT_DOUBLE_WITHIN(33.4 / 12, 43.3, report.light.median_ms);
 }
 
 /* Colours one after the other: how much of a turn a colour has is not how much of the time. What that makes of it is less
@@ -219,6 +256,7 @@ int main(void)
     RUN_TEST(latency_of_less_than_a_frame_sees_is_found);
     RUN_TEST(no_latency_is_none);
     RUN_TEST(trigger_locked_to_the_wheel_finds_it_too);
+    RUN_TEST(flip_that_fails_does_not_make_the_latency_shorter);
     RUN_TEST(colour_wheel_is_allowed_for);
     RUN_TEST(stamps_are_compared_with_triggers);
     RUN_TEST(some_frames_may_be_lost);
