@@ -69,20 +69,25 @@ static int choose_config(struct display_gl *gl, struct nacre_error *error)
                                     EGL_RENDERABLE_TYPE,
                                     EGL_OPENGL_ES2_BIT,
                                     EGL_NONE};
-    EGLConfig configs[64];
     EGLint count = 0;
-    if (!eglChooseConfig(gl->display, wanted, configs, 64, &count)) {
-        count = 0;
+    /* Deeper colours come first, and cards have hundreds of them with several samples a pixel. */
+    if (!eglChooseConfig(gl->display, wanted, NULL, 0, &count) || count < 1) {
+        return fail_egl(gl, "draws no pictures of 8 bits a colour", error);
     }
-    for (EGLint i = 0; i < count; i++) {
+    EGLConfig *configs = calloc((size_t)count, sizeof *configs);
+    if (!configs) {
+        return nacre_fail_memory(error, "a display");
+    }
+    bool found = false;
+    (void)eglChooseConfig(gl->display, wanted, configs, count, &count); /* it did above */
+    for (EGLint i = 0; i < count && !found; i++) {
         EGLint format = 0;
-        if (eglGetConfigAttrib(gl->display, configs[i], EGL_NATIVE_VISUAL_ID, &format) &&
-            (uint32_t)format == GBM_FORMAT_XRGB8888) {
-            gl->config = configs[i];
-            return NACRE_OK;
-        }
+        found = eglGetConfigAttrib(gl->display, configs[i], EGL_NATIVE_VISUAL_ID, &format) &&
+                (uint32_t)format == GBM_FORMAT_XRGB8888;
+        gl->config = configs[i];
     }
-    return fail_egl(gl, "draws no pictures of 8 bits a colour", error);
+    free(configs);
+    return found ? NACRE_OK : fail_egl(gl, "draws no pictures of 8 bits a colour", error);
 }
 
 static int make_surface(struct display_gl *gl, struct nacre_error *error)
