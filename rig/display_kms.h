@@ -24,7 +24,8 @@ struct display;
 int display_open(const struct display_settings *settings, struct clock *clock,
                  struct display **display, struct nacre_error *error);
 
-/* Set everything back as it was and free. NULL is allowed. */
+/* Set mode, picture and properties back as they were, and free; overlays and pointers that were there are for their
+ * programs to show again. NULL is allowed. */
 void display_close(struct display *display);
 
 int display_file(const struct display *display);
