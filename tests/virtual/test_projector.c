@@ -68,6 +68,20 @@ static void lamp_depends_on_seed_and_time_alone(void)
     TEST_ASSERT_TRUE(value != lamp_drift(&lamp, 1, 2 * HOUR_NS, 2 * HOUR_NS + 1));
 }
 
+static void drift_and_flicker_have_nothing_in_common(void)
+{
+    enum { COUNT = 4000 };
+    const struct virtual_lamp lamp = {
+        .drift = 1, .drift_hours = 1, .flicker = 1, .flicker_hz = 1. / 3600};
+    double products = 0;
+    for (int i = 0; i < COUNT; i++) {
+        products += lamp_drift(&lamp, 7, i * HOUR_NS, i * HOUR_NS + 1000) *
+                    lamp_flicker(&lamp, 7, i * HOUR_NS, i * HOUR_NS + 1000);
+    }
+    /* 5 standard deviations of a sample correlation, 1 / sqrt(n). */
+    TEST_ASSERT_DOUBLE_WITHIN(5 / sqrt(COUNT), 0, products / COUNT);
+}
+
 static struct virtual_segment segments[3] = {{{1, 0, 0}, 90}, {{0, 1, 0.5}, 180}, {{0, 0, 1}, 90}};
 
 static struct wheel make_wheel(double phase_deg)
@@ -191,6 +205,7 @@ int main(void)
     RUN_TEST(lamp_drifts_smoothly_with_the_stated_deviation);
     RUN_TEST(lamp_is_integrated_exactly_over_an_exposure);
     RUN_TEST(lamp_depends_on_seed_and_time_alone);
+    RUN_TEST(drift_and_flicker_have_nothing_in_common);
     RUN_TEST(wheel_gives_exposures_the_overlap_with_its_segments);
     RUN_TEST(wheel_changes_nothing_in_whole_turns);
     RUN_TEST(defocus_keeps_the_light_and_has_the_disc_s_variance);

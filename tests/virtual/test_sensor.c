@@ -1,4 +1,5 @@
 /* Tests of the virtual sensor: its distributions, noise, pedestal, quantisation and saturation. */
+#include "rig/virtual/pixels.h"
 #include "rig/virtual/sensor.h"
 
 #include "unity.h"
@@ -246,6 +247,44 @@ static void one_pixel_is_exposed_as_among_the_others(void)
     free(other);
 }
 
+/* Pixels are drawn hot, dead and more or less sensitive by themselves, at the rates and with the moments of the file. */
+static void flaws_of_pixels_are_independent_of_each_other(void)
+{
+    const struct virtual_settings settings = {
+        .seed = 5,
+        .camera = {.nonuniformity = 0.02, .hot_pixels = 0.1, .hot_per_s = 100, .dead_pixels = 0.1}};
+    struct hot_pixels hot = {0};
+    struct nacre_error error;
+    double dead = 0, hot_and_dead = 0, hot_sum = 0, hot_deviations = 0;
+    double deviations = 0, squares = 0, dead_deviations = 0;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, hot_pixels_init(&settings, COUNT, &hot, &error));
+    for (size_t i = 0; i < COUNT; i++) {
+        double deviation = (pixels_sensitivity(&settings, i) - 1) / 0.02;
+        bool is_dead = pixels_is_dead(&settings, i);
+        deviations += deviation;
+        squares += deviation * deviation;
+        dead += is_dead;
+        dead_deviations += is_dead ? deviation : 0;
+    }
+    for (size_t i = 0; i < hot.count; i++) {
+        hot_sum += (double)hot.per_s[i];
+        hot_and_dead += pixels_is_dead(&settings, hot.pixels[i]);
+        hot_deviations += (pixels_sensitivity(&settings, hot.pixels[i]) - 1) / 0.02;
+    }
+    /* 5 standard deviations: of a share p, sqrt(p (1 - p) / n); of sums over a tenth of the pixels, their root. */
+    double tenth = COUNT / 10.;
+    TEST_ASSERT_DOUBLE_WITHIN(5 * sqrt(0.09 / COUNT), 0.1, (double)hot.count / COUNT);
+    TEST_ASSERT_DOUBLE_WITHIN(5 * sqrt(0.09 / COUNT), 0.1, dead / COUNT);
+    TEST_ASSERT_DOUBLE_WITHIN(5 * sqrt(0.0099 / COUNT), 0.01, hot_and_dead / COUNT);
+    TEST_ASSERT_DOUBLE_WITHIN(5 / sqrt(COUNT), 0, deviations / COUNT);
+    TEST_ASSERT_DOUBLE_WITHIN(5 * sqrt(2. / COUNT), 1, squares / COUNT);
+    TEST_ASSERT_DOUBLE_WITHIN(5 / sqrt(tenth), 0, dead_deviations / tenth);
+    TEST_ASSERT_DOUBLE_WITHIN(5 / sqrt(tenth), 0, hot_deviations / tenth);
+    /* An exponential variate's deviation is its mean. */
+    TEST_ASSERT_DOUBLE_WITHIN(5 * 100 / sqrt(tenth), 100, hot_sum / (double)hot.count);
+    hot_pixels_finish(&hot);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -263,5 +302,6 @@ int main(void)
     RUN_TEST(keys_give_independent_noise);
     RUN_TEST(dark_current_adds_its_units_and_their_shot_noise);
     RUN_TEST(one_pixel_is_exposed_as_among_the_others);
+    RUN_TEST(flaws_of_pixels_are_independent_of_each_other);
     return UNITY_END();
 }
