@@ -74,6 +74,9 @@ static void close_virtual(void *context, struct devices *devices)
 {
     struct rehearsal *rehearsal = context;
     *devices = (struct devices){0};
+    if (rehearsal->hang_closing) {
+        hang(rehearsal);
+    }
     virtual_station_free(rehearsal->station);
     rehearsal->station = NULL;
 }

@@ -14,6 +14,7 @@ struct rehearsal {
     bool check_layer;                /* which is in doubt here: the sample is a white board, too */
     int slow_ms;                     /* every take lasts so long */
     int hang_at;                     /* this take lasts until rehearsal_release; < 0: none */
+    bool hang_closing;               /* closing lasts until rehearsal_release */
     _Atomic int takes;               /* so far */
     struct virtual_station *station; /* while the devices are open */
     /* The rest is its own. */

@@ -341,6 +341,21 @@ static void job_that_hangs_in_a_device_is_not_alive(void)
     TEST_ASSERT_TRUE(job_is_alive(job, -1000 * SECOND_NS));
 }
 
+/* Nobody is waited for any longer, although the question stands until the end. */
+static void cancelled_job_that_hangs_in_a_device_is_not_alive(void)
+{
+    rehearsal.hang_closing = true;
+    start();
+    follow(JOB_WAITING, false);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, job_cancel(job, &error));
+    rehearsal_wait_hanging(&rehearsal);
+    (void)usleep(150000);
+    TEST_ASSERT_FALSE(job_is_alive(job, -6100000000));
+    TEST_ASSERT_TRUE(job_is_alive(job, 0));
+    rehearsal_release(&rehearsal);
+    follow(JOB_CANCELLED, true);
+}
+
 /* Six exposures of 100 ms a pattern; the longest silence is 9 turns of 1/30 s and 6 s: 6.3 s, of which 6 s are taken off. So
  * the pattern takes longer than that, and an exposure does not. */
 static void slow_camera_shows_life_with_every_exposure(void)
@@ -422,6 +437,7 @@ int main(void)
     RUN_TEST(second_job_is_refused_while_one_is_active);
     RUN_TEST(requests_that_fit_nothing_are_refused);
     RUN_TEST(job_that_hangs_in_a_device_is_not_alive);
+    RUN_TEST(cancelled_job_that_hangs_in_a_device_is_not_alive);
     RUN_TEST(slow_camera_shows_life_with_every_exposure);
     RUN_TEST(job_is_stopped_when_it_is_freed);
     RUN_TEST(status_is_told_in_the_operators_words);
