@@ -1,5 +1,6 @@
 /* nacre doctor: checks a station's devices and measures their delays. */
 #include "base/settings_edit.h"
+#include "cmd/board_check.h"
 #include "cmd/checks.h"
 #include "cmd/json_print.h"
 #include "cmd/stand.h"
@@ -79,6 +80,15 @@ static bool open_real(struct visit *visit)
     int trigger = devices_open_trigger(&visit->opened, devices->clock, &devices->trigger, &error);
     checks_add_status(checks, "trigger", trigger, &error);
     return projector == NACRE_OK && camera == NACRE_OK && trigger == NACRE_OK;
+}
+
+static void check_trigger(struct visit *visit)
+{
+    struct devices *devices = &visit->stand.devices;
+    if (visit->station.trigger.driver == TRIGGER_DRIVER_USB && devices->trigger) {
+        board_check(&visit->checks, devices->trigger, devices->clock,
+                    visit->station.projector.wheel_hz);
+    }
 }
 
 static bool open_virtual(struct visit *visit)
@@ -266,6 +276,7 @@ static int examine(struct visit *visit, const struct doctor_settings *settings, 
     visit->opened.projector.egl.latency_ms = 0;
     bool open = station_is_virtual(&visit->station) ? open_virtual(visit) : open_real(visit);
     check_projector(visit);
+    check_trigger(visit);
     checks_of_machine(&visit->checks, visit->station.trigger.driver == TRIGGER_DRIVER_GPIO);
     check_disk(visit);
     if (open) {
