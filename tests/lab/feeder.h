@@ -30,9 +30,17 @@ struct feeder_injection {
 
 enum { FEEDER_BUFFERS = 4 };
 
+/* What is known of a trigger's line, on CLOCK_MONOTONIC. */
+struct feeder_line {
+    int level;
+    unsigned rises;
+    long long rise_ns, fall_ns;
+};
+
 struct feeder {
     const struct screen *screen;
-    const struct gpio_sim *chip;               /* whose line 0 triggers */
+    const struct gpio_sim *chip;               /* whose line 0 triggers, or NULL */
+    bool (*look)(struct feeder_line *);        /* in its place; false: the trigger is gone */
     const struct feeder_injection *injections; /* ended by a pulse of 0; may be NULL */
     int left, top;                             /* of the sample on the screen */
     int pulses, injected;                      /* so far */
@@ -53,7 +61,7 @@ struct feeder {
     bool watching;            /* `levels` were read while the line was up */
 };
 
-/* Load v4l2loopback and set the feeder up for the virtual station in the file `station`, whose camera has 8 bits and RGGB. */
+/* Without a chip the caller sets `look` next. Load v4l2loopback and set the feeder up for the virtual station in the file `station`, whose camera has 8 bits and RGGB. */
 void feeder_begin(struct feeder *feeder, const char *station, const struct screen *screen,
                   const struct gpio_sim *chip);
 /* Unload it again; its node must not be open any more. One that is zeroed, or finished, is left alone. */
