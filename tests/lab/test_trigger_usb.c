@@ -170,8 +170,8 @@ static void exposures_are_whole_turns_and_their_beginning_is_told(void)
         TEST_ASSERT_EQUAL_UINT(1 + turns, view->rises);
         /* A steady wheel, and prediction rounded to a tick at both ends. */
         TEST_ASSERT_INT64_WITHIN(1, turns * 800000, length);
-        /* Half of an answer's way on the emulated bus, and the server's turns of a millisecond. */
-        TEST_ASSERT_INT64_WITHIN(20000000, 0, off_ns);
+        /* Half of an answer's way on the emulated bus: a millisecond, or 17 where the host is busy. */
+        TEST_ASSERT_INT64_WITHIN(100000000, 0, off_ns);
         TEST_ASSERT_TRUE(trigger_ns > asked_ns && trigger_ns < done_ns);
     }
 }

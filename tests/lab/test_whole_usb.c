@@ -48,7 +48,7 @@ static const char virtual_text[] =
 static const char real_text[] =
     "sample: {width: 8, height: 8, pitch_mm: 0.5}\nwhite_reflectance: 0.9\nplan: plan.yaml\n"
     "camera: {driver: v4l2, width: 48, height: 48, bits: 8, bayer: RGGB, pedestal: 8, "
-    "tolerance_ms: 20,\n"
+    "tolerance_ms: 45,\n"
     "         v4l2: {device: /dev/video0, stamp_delay_ms: 10}}\n"
     "projector: {driver: egl, wheel_hz: 20,\n"
     "            egl: {device: %s, mode: 640x480, left: %d, top: %d, latency_ms: 0}}\n"
