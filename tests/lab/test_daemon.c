@@ -116,14 +116,16 @@ static unsigned patterns_done(void)
 static bool reaches(const char *state, bool help)
 {
     time_t end = time(NULL) + PATIENCE_S;
-    while (strcmp(text_of("State"), state) != 0 && time(NULL) < end) {
+    bool reached = strcmp(text_of("State"), state) == 0; /* it may be another a moment later */
+    while (!reached && time(NULL) < end) {
         if (help && strcmp(text_of("State"), "waiting") == 0) {
             (void)sd_bus_call_method(bus, STATION_SERVICE, STATION_OBJECT, STATION_INTERFACE,
                                      "Insist", NULL, NULL, ""); /* it may have been done */
         }
         (void)usleep(100000);
+        reached = strcmp(text_of("State"), state) == 0;
     }
-    return strcmp(text_of("State"), state) == 0;
+    return reached;
 }
 
 static void help_until(const char *state)
