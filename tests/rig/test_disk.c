@@ -13,8 +13,9 @@
 #include <sys/statvfs.h>
 #include <unistd.h>
 
-/* 16 patterns of two exposures of 24 x 20 pixels take at most 16 * 2 * (1920 + 4096) bytes, 188 KiB. */
-enum { DISK_BYTES = 1 << 20, FILLS_AT = 7 };
+/* 16 patterns of two exposures of 24 x 20 pixels take at most 16 * 2 * (1920 + 4096) bytes, 188 KiB. When the ninth begins
+ * the writer, who holds six at most, has written two. */
+enum { DISK_BYTES = 1 << 20, FILLS_AT = 9 };
 
 static struct stage stage;
 static struct session session;
