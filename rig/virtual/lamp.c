@@ -24,7 +24,8 @@ static double step_integral(double t)
 static double mean(uint64_t key, double begin, double end)
 {
     double sum = 0;
-    for (double moment = floor(begin); moment < end; moment += 1) {
+    for (int64_t i = (int64_t)floor(begin); (double)i < end; i++) {
+        double moment = (double)i;
         double from = fmax(begin - moment, 0);
         double to = fmin(end - moment, 1);
         double before = value_at(key, moment);
