@@ -160,10 +160,9 @@ static void virtual_scan_is_measured(void)
     free(scan);
 }
 
-static void start(const char *session, const char *retries, bool resume, const char *output,
-                  const char *errors)
+/* Start the program; what it says goes into these files. */
+static void start(const char *const *arguments, const char *output, const char *errors)
 {
-    char *station = path_of("station.yaml");
     (void)unlink(errors); /* of the run before, whose questions are not asked again */
     (void)fflush(stdout);
     child = fork();
@@ -172,11 +171,9 @@ static void start(const char *session, const char *retries, bool resume, const c
         (void)dup2(open("/dev/null", O_RDONLY | O_CLOEXEC), STDIN_FILENO);
         (void)dup2(open(output, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600), STDOUT_FILENO);
         (void)dup2(open(errors, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0600), STDERR_FILENO);
-        (void)execl(NACRE, NACRE, "scan", session, "--station", station, "--json", "--retries",
-                    retries, resume ? "--resume" : NULL, (char *)NULL);
+        (void)execv(NACRE, (char *const *)arguments);
         _exit(99);
     }
-    free(station);
 }
 
 /* Do what the program asks for, once for each time it asks. */
@@ -210,7 +207,13 @@ static struct outcome scan(const char *session, const char *retries, struct even
     int status = 0;
     int before = feeder.pulses;
     double began_s = now_s();
-    start(session, retries, access(session, F_OK) == 0, output, errors);
+    char *station = path_of("station.yaml");
+    const char *const arguments[] = {
+        NACRE,       "scan",  session,
+        "--station", station, "--json",
+        "--retries", retries, access(session, F_OK) == 0 ? "--resume" : NULL,
+        NULL};
+    start(arguments, output, errors);
     while (waitpid(child, &status, WNOHANG) == 0) {
         feeder_step(&feeder);
         if (event.happen && feeder.pulses - before >= event.pulse) {
@@ -231,6 +234,7 @@ static struct outcome scan(const char *session, const char *retries, struct even
     TEST_ASSERT_EQUAL_UINT_MESSAGE(0, feeder.missed, outcome.errors);
     free(output);
     free(errors);
+    free(station);
     return outcome;
 }
 
@@ -319,6 +323,71 @@ static void frames_that_go_wrong_are_taken_again(void)
     free(session);
 }
 
+static double delay_of(const json_t *root, const char *which)
+{
+    const json_t *figure = json_object_get(json_object_get(root, "delays"), which);
+    const json_t *median = json_object_get(figure, "median_ms");
+    TEST_ASSERT_TRUE_MESSAGE(json_is_number(median), which);
+    return json_number_value(median);
+}
+
+/* The camera's stamps come 10 ms late, which the file denies; pulses in the emulated machine are some milliseconds off.
+ * The screen changes within an exposure of its flip. Whether delays are as they should be is not asked here. */
+static void doctor_measures_delays_and_stores_them(void)
+{
+    char *station = path_of("ill.yaml");
+    char *output = path_of("output");
+    char *errors = path_of("errors");
+    char text[1024];
+    char own[512];
+    size_t size = 0;
+    int status = 0;
+    (void)snprintf(own, sizeof own, real_text, screen.path, LEFT, TOP);
+    char *delay = strstr(own, "stamp_delay_ms: 10");
+    TEST_ASSERT_NOT_NULL(delay);
+    memcpy(delay, "stamp_delay_ms: 00", 18);
+    (void)snprintf(text, sizeof text, "# my station\n%s%s", common_text, own);
+    text_write(station, text);
+    const char *const arguments[] = {NACRE,     "doctor", "--station", station, "--store",
+                                     "--flips", "10",     "--json",    NULL};
+    feeder_lay_white(&feeder, true);
+    feeder.exposures_ns[1] = 100000000;
+    double began_s = now_s();
+    start(arguments, output, errors);
+    while (waitpid(child, &status, WNOHANG) == 0) {
+        feeder_step(&feeder);
+        if (now_s() - began_s > LIMIT_S) {
+            (void)kill(child, SIGKILL);
+        }
+        (void)usleep(1000);
+    }
+    child = 0;
+    feeder_lay_white(&feeder, false);
+    feeder.exposures_ns[1] = 200000000;
+    char *said = (char *)file_read(output, &size);
+    char *complained = (char *)file_read(errors, &size);
+    json_t *root = json_loads(said, 0, NULL);
+    TEST_ASSERT_NOT_NULL_MESSAGE(root, complained);
+    double stamps_ms = delay_of(root, "stamps");
+    double latency_ms = delay_of(root, "latency");
+    char *stored = (char *)file_read(station, &size);
+    printf("doctor: stamps %.2f ms late, light %.2f ms after a flip, %.1f s of the guest\n",
+           stamps_ms, latency_ms, now_s() - began_s);
+    TEST_ASSERT_DOUBLE_WITHIN(8, 10, stamps_ms);
+    TEST_ASSERT_TRUE(latency_ms >= 0 && latency_ms <= 100);
+    TEST_ASSERT_NOT_NULL(strstr(stored, "# my station"));
+    const char *kept = strstr(stored, "stamp_delay_ms: ");
+    TEST_ASSERT_NOT_NULL_MESSAGE(kept, stored);
+    TEST_ASSERT_DOUBLE_WITHIN(0.001, stamps_ms, strtod(kept + strlen("stamp_delay_ms: "), NULL));
+    json_decref(root);
+    free(said);
+    free(complained);
+    free(stored);
+    free(station);
+    free(output);
+    free(errors);
+}
+
 static void unplug_camera(void)
 {
     feeder_unplug(&feeder);
@@ -382,6 +451,7 @@ int main(void)
     RUN_TEST(virtual_scan_is_measured);
     plug_camera();
     RUN_TEST(camera_sees_what_the_projector_shows);
+    RUN_TEST(doctor_measures_delays_and_stores_them);
     RUN_TEST(frames_that_go_wrong_are_taken_again);
     RUN_TEST(scan_whose_devices_are_unplugged_is_resumed);
     return UNITY_END();
