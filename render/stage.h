@@ -1,0 +1,35 @@
+/* The objects of a scene, placed, split finely enough and lit: what pictures and baked files are made of. */
+#ifndef RENDER_STAGE_H
+#define RENDER_STAGE_H
+
+#include "render/render.h"
+
+struct stage_object {
+    struct mesh mesh;
+    bool translucent;
+    struct appearance appearance;
+    struct mapping mapping;
+    struct scene_material material; /* as used; owns nothing */
+    float (*light)[3]; /* per vertex: radiosity, or of a plain object the area lights' irradiance */
+};
+
+struct stage {
+    const struct scene *scene;
+    const struct render_settings *settings;
+    struct stage_object *objects; /* one for each of the scene */
+    struct light *lights;
+    struct world *world;
+};
+
+/* Place meshes and lights; light is zero so far. Allocates report->objects. The scene and the settings must outlive the
+ * stage, which is to be finished whatever is returned. */
+int stage_prepare(struct stage *stage, const struct scene *scene,
+                  const struct render_settings *settings, struct render_report *report,
+                  struct nacre_error *error);
+
+/* Calculate the light of all objects. */
+int stage_bake(struct stage *stage, const struct opencl *opencl, struct render_report *report,
+               struct nacre_error *error);
+void stage_finish(struct stage *stage);
+
+#endif
