@@ -7,7 +7,8 @@
 int mesh_allocate(struct mesh *mesh, size_t vertices, size_t triangles, bool with_uv,
                   struct nacre_error *error)
 {
-    *mesh = (struct mesh){.vertex_count = vertices, .triangle_count = triangles};
+    *mesh = (struct mesh){
+        .vertex_count = vertices, .triangle_count = triangles, .scale = 1, .uv_mm = 1};
     if (vertices > UINT32_MAX || triangles > MESH_TRIANGLES_MAXIMUM) {
         return nacre_fail(error, "a mesh of %zu triangles is larger than the limit of %d",
                           triangles, MESH_TRIANGLES_MAXIMUM);
@@ -190,6 +191,8 @@ int mesh_scale(struct mesh *mesh, double size_mm, const char *name, struct nacre
         struct vec3 p = vec3_subtract(vec3_from(mesh->positions[i]), middle);
         vec3_store(vec3_scale(p, size_mm / extent), mesh->positions[i]);
     }
+    mesh->middle = vec3_along(mesh->middle, 1 / mesh->scale, middle);
+    mesh->scale *= size_mm / extent;
     double covered = mesh->uv ? uv_area(mesh) : 0;
     if (mesh->uv && !(covered > 0)) {
         free(mesh->uv);
@@ -197,6 +200,7 @@ int mesh_scale(struct mesh *mesh, double size_mm, const char *name, struct nacre
     }
     if (mesh->uv) {
         double factor = sqrt(mesh_area_mm2(mesh) / covered);
+        mesh->uv_mm *= factor;
         for (size_t i = 0; i < mesh->vertex_count; i++) {
             mesh->uv[i][0] = (float)(mesh->uv[i][0] * factor);
             mesh->uv[i][1] = (float)(mesh->uv[i][1] * factor);

@@ -16,6 +16,10 @@ struct mesh {
     float (*uv)[2];           /* mm along the surface, or NULL; a seam has its vertices twice */
     uint32_t (*triangles)[3]; /* counter-clockwise seen from outside */
     size_t degenerate_count;  /* triangles that mesh_check removed */
+    /* How a loaded mesh came to its size: position = (the file's - middle) * scale, uv = the file's * uv_mm. 0 and 1
+     * for built-in shapes. */
+    struct vec3 middle;
+    double scale, uv_mm;
 };
 
 enum { MESH_TRIANGLES_MAXIMUM = 20000000 };

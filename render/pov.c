@@ -1,9 +1,8 @@
 /* Writing POV-Ray 3.7 scenes. */
 #include "render/pov.h"
 
-#include "nacre/whole_file.h"
+#include "render/output_file.h"
 
-#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -237,64 +236,22 @@ static void put_object(FILE *file, const struct pov_object *object, size_t numbe
     (void)fprintf(file, "}\n");
 }
 
-/* What put_* writes becomes FOLDER/NAME, whole or not at all. */
-struct output {
-    struct whole_file whole;
-    FILE *file;
-    char *path;
-};
-
-static int output_open(struct output *output, char *path, struct nacre_error *error)
-{
-    *output = (struct output){.path = path};
-    if (!path) {
-        return nacre_fail_memory(error, "the name of a POV-Ray file");
-    }
-    if (whole_file_create(&output->whole, path, error) != NACRE_OK) {
-        return NACRE_FAILED;
-    }
-    output->file = fopen(output->whole.temporary, "w");
-    return output->file ? NACRE_OK : nacre_fail_errno(error, errno, "%s: cannot be written", path);
-}
-
-/* Name the file if `status` is good so far; free in any case. */
-static int output_close(struct output *output, int status, struct nacre_error *error)
-{
-    if (output->file) {
-        bool bad = ferror(output->file) != 0;
-        int number = errno;
-        if (fclose(output->file) != 0 && !bad) {
-            bad = true;
-            number = errno;
-        }
-        if (status == NACRE_OK && bad) {
-            status = nacre_fail_errno(error, number, "%s: cannot be written", output->path);
-        }
-    }
-    if (status == NACRE_OK) {
-        status = whole_file_commit(&output->whole, error);
-    }
-    whole_file_discard(&output->whole);
-    free(output->path);
-    return status;
-}
-
 static int write_object(const char *folder, const struct pov_object *object, size_t number,
                         double exposure, struct nacre_error *error)
 {
-    struct output output;
-    int status = output_open(&output, part_path(folder, "object", number, "inc"), error);
+    struct output_file output;
+    int status = output_file_open(&output, part_path(folder, "object", number, "inc"), error);
     if (status == NACRE_OK) {
         put_object(output.file, object, number, exposure);
     }
-    return output_close(&output, status, error);
+    return output_file_close(&output, status, error);
 }
 
 static int write_main(const char *folder, const struct scene *scene, const struct light *lights,
                       const struct pov_object *objects, struct nacre_error *error)
 {
-    struct output output;
-    int status = output_open(&output, main_path(folder), error);
+    struct output_file output;
+    int status = output_file_open(&output, main_path(folder), error);
     if (status == NACRE_OK) {
         FILE *file = output.file;
         (void)fprintf(file,
@@ -310,7 +267,7 @@ static int write_main(const char *folder, const struct scene *scene, const struc
         put_camera(file, scene);
         put_everything(file, scene, lights, objects);
     }
-    return output_close(&output, status, error);
+    return output_file_close(&output, status, error);
 }
 
 int pov_write(const char *folder, const struct scene *scene, const struct light *lights,

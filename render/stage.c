@@ -188,24 +188,29 @@ static int bake_plain(struct stage *stage, const struct stage_object *prepared,
     return status;
 }
 
+int stage_bake_object(struct stage *stage, size_t index, const struct opencl *opencl,
+                      struct render_report *report, struct nacre_error *error)
+{
+    struct stage_object *prepared = &stage->objects[index];
+    struct bake_counts *counts = &report->objects[index].counts;
+    if (!prepared->translucent) {
+        return prepared->light ? bake_plain(stage, prepared, report, error) : NACRE_OK;
+    }
+    int status =
+        bake_object(&prepared->mesh, &prepared->mapping, &prepared->appearance, &prepared->material,
+                    stage->world, index, stage->lights, stage->scene->light_count, opencl,
+                    &stage->settings->bake, prepared->light, counts, error);
+    report->light_seconds += counts->light_seconds;
+    report->gather_seconds += counts->gather_seconds;
+    return status;
+}
+
 int stage_bake(struct stage *stage, const struct opencl *opencl, struct render_report *report,
                struct nacre_error *error)
 {
-    const struct scene *scene = stage->scene;
     int status = NACRE_OK;
-    for (size_t i = 0; status == NACRE_OK && i < scene->object_count; i++) {
-        struct stage_object *prepared = &stage->objects[i];
-        struct bake_counts *counts = &report->objects[i].counts;
-        if (prepared->translucent) {
-            status =
-                bake_object(&prepared->mesh, &prepared->mapping, &prepared->appearance,
-                            &prepared->material, stage->world, i, stage->lights, scene->light_count,
-                            opencl, &stage->settings->bake, prepared->light, counts, error);
-            report->light_seconds += counts->light_seconds;
-            report->gather_seconds += counts->gather_seconds;
-        } else if (prepared->light) {
-            status = bake_plain(stage, prepared, report, error);
-        }
+    for (size_t i = 0; status == NACRE_OK && i < stage->scene->object_count; i++) {
+        status = stage_bake_object(stage, i, opencl, report, error);
     }
     return status;
 }

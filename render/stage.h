@@ -27,7 +27,9 @@ int stage_prepare(struct stage *stage, const struct scene *scene,
                   const struct render_settings *settings, struct render_report *report,
                   struct nacre_error *error);
 
-/* Calculate the light of all objects. */
+/* Calculate the light of one object, or of all. */
+int stage_bake_object(struct stage *stage, size_t index, const struct opencl *opencl,
+                      struct render_report *report, struct nacre_error *error);
 int stage_bake(struct stage *stage, const struct opencl *opencl, struct render_report *report,
                struct nacre_error *error);
 void stage_finish(struct stage *stage);

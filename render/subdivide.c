@@ -158,6 +158,9 @@ static int split_round(struct mesh *mesh, const struct edge_map *map, size_t new
         add_split(&out, t, middles);
     }
     out.degenerate_count = mesh->degenerate_count;
+    out.middle = mesh->middle;
+    out.scale = mesh->scale;
+    out.uv_mm = mesh->uv_mm;
     mesh_finish(mesh);
     *mesh = out;
     return NACRE_OK;

@@ -208,6 +208,8 @@ static void missing_settings_files_are_refused(void)
             "--plan", input("absent.yaml"));
     REFUSES(FAILED, "absent.yaml", "simulate", input("absent.yaml"), "-o", output("out.exr"));
     REFUSES(FAILED, "absent.yaml", "render", input("absent.yaml"), "-o", output("out.png"));
+    REFUSES(FAILED, "absent.yaml", "bake", "--scene", input("absent.yaml"), "-o",
+            output("out.ply"));
 }
 
 /* The place of the unknown key is told as FILE:LINE:COLUMN. */
@@ -293,6 +295,7 @@ static void arguments_left_out_are_wrong_usage(void)
     REFUSES(WRONG_USAGE, "--output", "factor", input("scan.exr"));
     REFUSES(WRONG_USAGE, "--output", "develop", input("session"));
     REFUSES(WRONG_USAGE, "--output", "render", input("scene.yaml"));
+    REFUSES(WRONG_USAGE, "--scene", "bake", "-o", output("out.ply"));
     REFUSES(WRONG_USAGE, "--output", "report", input("scan.exr"), input("material.exr"));
     REFUSES(WRONG_USAGE, "MATERIAL", "report", input("scan.exr"), "-o", output("out.html"));
     REFUSES(WRONG_USAGE, "MATERIAL", "error", input("scan.exr"));
@@ -337,6 +340,7 @@ static void every_writer_refuses_the_output(const struct circumstances *around, 
                   exr);
     REFUSES_UNDER(around, FAILED, png, "render", input("scene.yaml"), "-o", png);
     REFUSES_UNDER(around, FAILED, exr, "render", input("scene.yaml"), "-o", exr);
+    REFUSES_UNDER(around, FAILED, exr, "bake", "--scene", input("scene.yaml"), "-o", exr);
     REFUSES_UNDER(around, FAILED, html, "report", input("scan.exr"), input("material.exr"), "-o",
                   html);
 }
