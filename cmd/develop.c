@@ -12,6 +12,7 @@ struct develop_settings {
     const char *output;
     int demosaic, black, store, flat;
     double confidence;
+    bool resume;
 };
 
 static const char *const store_words[] = {"float", "half", NULL};
@@ -63,6 +64,11 @@ static const struct option_spec develop_options[] = {
      .fallback = "float",
      .offset = offsetof(struct develop_settings, store),
      .sentence = "numbers in the scan; half flushes what is below 6e-8"},
+    {.name = "resume",
+     .kind = OPTION_FLAG,
+     .offset = offsetof(struct develop_settings, resume),
+     .sentence = "go on with what a development into this SCAN that was stopped or killed left in "
+                 "SCAN.work; the scan is the same as undisturbed"},
     {0}};
 
 static json_t *real(double value)
@@ -122,20 +128,22 @@ static json_t *pixels_json(const struct develop_report *report)
 static int print_json(const char *output, const struct develop_report *report,
                       struct nacre_error *error)
 {
-    json_t *root = json_pack(
-        "{s:s, s:[i,i], s:i, s:i, s:i, s:i, s:i, s:i, s:i, s:I, s:I, s:o, s:o, s:o, s:o, s:o, s:o, "
-        "s:o, "
-        "s:o, s:o, s:o, s:o}",
-        "output", output, "size", report->width, report->height, "window", report->window,
-        "channels", report->channels, "patterns", report->patterns, "missing_patterns",
-        report->missing_patterns, "white_frames", report->white_frames, "black_frames",
-        report->black_frames, "dots_frames", report->dots_frames, "responses",
-        (json_int_t)report->responses, "missing_entries", (json_int_t)report->missing_entries,
-        "black_level_per_s", real(report->black_level), "frame_noise_per_s",
-        real(report->frame_noise), "noise", real(report->noise), "centre", real(report->centre),
-        "rim_share", real(report->rim_share), "overlap", real(report->overlap), "geometry",
-        geometry_json(report), "pixels", pixels_json(report), "flat", flat_json(report), "seconds",
-        seconds_json(report), "warnings", warnings_json(&report->warnings));
+    json_t *root =
+        json_pack("{s:s, s:[i,i], s:i, s:i, s:i, s:i, s:i, s:i, s:i, s:i, s:I, s:I, s:o, s:o, s:o, "
+                  "s:o, s:o, s:o, "
+                  "s:o, "
+                  "s:o, s:o, s:o, s:o}",
+                  "output", output, "size", report->width, report->height, "window", report->window,
+                  "channels", report->channels, "patterns", report->patterns, "missing_patterns",
+                  report->missing_patterns, "taken_over", report->taken_over, "white_frames",
+                  report->white_frames, "black_frames", report->black_frames, "dots_frames",
+                  report->dots_frames, "responses", (json_int_t)report->responses,
+                  "missing_entries", (json_int_t)report->missing_entries, "black_level_per_s",
+                  real(report->black_level), "frame_noise_per_s", real(report->frame_noise),
+                  "noise", real(report->noise), "centre", real(report->centre), "rim_share",
+                  real(report->rim_share), "overlap", real(report->overlap), "geometry",
+                  geometry_json(report), "pixels", pixels_json(report), "flat", flat_json(report),
+                  "seconds", seconds_json(report), "warnings", warnings_json(&report->warnings));
     return json_print(root, error);
 }
 
@@ -172,9 +180,13 @@ static void print_text(const char *output, const struct develop_report *report)
     (void)printf("%-12s %s: %d x %d points, window %d, %d channel%s\n", "scan", output,
                  report->width, report->height, report->window, report->channels,
                  report->channels == 1 ? "" : "s");
-    (void)printf("%-12s %d grids (%d missing), %d white, %d dots, %d black\n", "patterns",
+    (void)printf("%-12s %d grids (%d missing), %d white, %d dots, %d black", "patterns",
                  report->patterns, report->missing_patterns, report->white_frames,
                  report->dots_frames, report->black_frames);
+    if (report->taken_over) {
+        (void)printf("; %d grids were done before", report->taken_over);
+    }
+    (void)printf("\n");
     (void)printf("%-12s %zu measured, %zu entries missing, %.2g %% of pixels saturated\n",
                  "responses", report->responses, report->missing_entries,
                  100 * report->saturated_share);
@@ -208,8 +220,9 @@ static int run(const void *settings, const struct invocation *invocation, struct
 {
     const struct develop_settings *given = settings;
     struct develop_options options = {
-        (enum black_mode)given->black, given->confidence, (enum demosaic)given->demosaic,
-        given->store ? NACRE_HALF : NACRE_FLOAT, (enum flat_mode)given->flat};
+        (enum black_mode)given->black,  given->confidence,
+        (enum demosaic)given->demosaic, given->store ? NACRE_HALF : NACRE_FLOAT,
+        (enum flat_mode)given->flat,    given->resume};
     struct progress progress = progress_begin("developing", invocation->quiet);
     struct develop_report report;
     int status = develop_session(invocation->operands[0], &options, given->output, &progress,

@@ -11,6 +11,8 @@
 #include "rig/develop/resample.h"
 #include "rig/develop/warnings.h"
 
+#include <stdbool.h>
+
 enum flat_mode {
     FLAT_SEPARATE, /* divide by the camera's vignetting at x_o and the projector's light at x_i (falloff.h) */
     FLAT_PAPER, /* divide by white, which takes the projector's light at x_o */
@@ -25,11 +27,13 @@ struct develop_options {
     enum demosaic demosaic;
     enum nacre_pixel store; /* NACRE_FLOAT or NACRE_HALF */
     enum flat_mode flat;
+    bool resume; /* go on with what a stopped development of the same output left beside it */
 };
 
 struct develop_report {
     int width, height, window, channels;
     int patterns, missing_patterns; /* grids */
+    int taken_over;                 /* of them, from the development that was stopped */
     int white_frames, black_frames, dots_frames;
     size_t responses;       /* measured */
     size_t missing_entries; /* inside the sample, of measured responses: NaN */
@@ -47,6 +51,8 @@ struct develop_report {
     size_t falloff_pairs;    /* that told the projector's fall-off; 0: none was taken out */
     double falloff;       /* most of the projector's light in the region over the least, less 1 */
     double falloff_doubt; /* standard error of the logarithm of that */
+    double pulse_turns;   /* of the trigger pulse that the wheel makes the most wrong */
+    double pulse_error;   /* its colour error; 0: none was measured, or none is wrong */
     struct linearity_report linearity;
     struct align_report align;
     double white_seconds, black_seconds, dots_seconds, map_seconds, grid_seconds, total_seconds;
@@ -54,7 +60,9 @@ struct develop_report {
 };
 
 /* Develop the session at `session_path` into the scan `output`, which appears whole or not at all. `report` may be
- * NULL. The scan is the same for any number of threads. */
+ * NULL. The scan is the same for any number of threads.
+ * Responses wait in the file `output`.work, which is removed at the end, and stays where the process is killed or asked to
+ * stop: `resume` then goes on with it, to the same scan. */
 int develop_session(const char *session_path, const struct develop_options *options,
                     const char *output, struct progress *progress, struct develop_report *report,
                     struct nacre_error *error);

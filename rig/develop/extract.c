@@ -21,24 +21,35 @@ static void add_entry(struct extract_sums *sums, float value, bool whole, int ri
 }
 
 void extract_window(const struct nacre_scan_info *info, const float *reflected, int x, int y,
-                    float *response, struct extract_sums *sums)
+                    float *response)
 {
     int half = info->window / 2;
-    bool whole = x >= half && y >= half && x + half < info->width && y + half < info->height;
-    sums->responses++;
     for (int c = 0; c < info->channels; c++) {
         for (int v = y - half; v <= y + half; v++) {
             for (int u = x - half; u <= x + half; u++) {
                 bool inside = u >= 0 && v >= 0 && u < info->width && v < info->height;
                 size_t at = ((size_t)c * (size_t)info->height + (size_t)v) * (size_t)info->width +
                             (size_t)u;
-                *response = inside ? reflected[at] : 0;
-                if (inside) {
+                *response++ = inside ? reflected[at] : 0;
+            }
+        }
+    }
+}
+
+void extract_add(const struct nacre_scan_info *info, int x, int y, const float *response,
+                 struct extract_sums *sums)
+{
+    int half = info->window / 2;
+    bool whole = x >= half && y >= half && x + half < info->width && y + half < info->height;
+    sums->responses++;
+    for (int c = 0; c < info->channels; c++) {
+        for (int v = y - half; v <= y + half; v++) {
+            for (int u = x - half; u <= x + half; u++, response++) {
+                if (u >= 0 && v >= 0 && u < info->width && v < info->height) {
                     int across = abs(u - x);
                     int down = abs(v - y);
                     add_entry(sums, *response, whole, across > down ? across : down);
                 }
-                response++;
             }
         }
     }

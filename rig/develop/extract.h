@@ -22,7 +22,11 @@ struct extract_sums {
 /* Cut the K x K window around lit point (x, y) out of reflected[channels][height][width] of info's size into
  * response[channels][K][K]. Entries outside the sample become 0. */
 void extract_window(const struct nacre_scan_info *info, const float *reflected, int x, int y,
-                    float *response, struct extract_sums *sums);
+                    float *response);
+
+/* Add the response of (x, y) to what was extracted so far. */
+void extract_add(const struct nacre_scan_info *info, int x, int y, const float *response,
+                 struct extract_sums *sums);
 
 /* Share of a response's energy that falls outside the window and, where windows touch, into those of the neighbours:
  * the rings' sums continued at the rate at which the outer half of them falls. NaN where no window was whole, 1 where

@@ -2,6 +2,7 @@
 #include "rig/develop/pilot.h"
 
 #include "rig/develop/develop.h"
+#include "rig/develop/work.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -227,6 +228,7 @@ int pilot_read(const char *path, const char *scratch, struct progress *progress,
         status = gather(scratch, report.noise, pilot, error);
         (void)unlink(scratch); /* nothing is lost if it stays */
     }
+    work_remove(scratch); /* is left where the development was stopped */
     if (status != NACRE_OK) {
         pilot_finish(pilot);
     }

@@ -7,6 +7,7 @@
 #include "rig/develop/hdr.h"
 #include "rig/session.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 
 /* A pattern as merged. All pointers are the visitor's and valid during the call. */
@@ -21,9 +22,11 @@ struct merged {
 struct visitor {
     void *state;
     size_t result_size; /* floats that each pattern's work produces, 0: none */
+    /* Whether a pattern needs no reading and no work, as `take` knows all of it; may be NULL. Called in no order. */
+    bool (*knows)(void *state, struct pattern pattern);
     /* Called for several patterns at once, in no order; fills `result`. May be NULL. */
     int (*work)(void *state, const struct merged *merged, float *result, struct nacre_error *error);
-    /* Called for one pattern at a time, in the order of their numbers. */
+    /* Called for one pattern at a time, in the order of their numbers. Of one that is known `merged` has only the pattern. */
     int (*take)(void *state, const struct merged *merged, const float *result,
                 struct nacre_error *error);
 };

@@ -21,8 +21,8 @@ static const char plan_text[] = "seed: 5\nblack_frames: 10\nwhite_frames: 3\ndot
 enum { SPACING = 7, GRIDS = SPACING * SPACING };
 
 /* The made material is not reciprocal: its fall-off cannot be told from it. */
-static const struct develop_options usual = {BLACK_SUBTRACT, 0.99, DEMOSAIC_AUTO, NACRE_FLOAT,
-                                             FLAT_PAPER};
+static const struct develop_options usual = {BLACK_SUBTRACT, 0.99,       DEMOSAIC_AUTO,
+                                             NACRE_FLOAT,    FLAT_PAPER, false};
 static struct made_station station;
 static char *folder, *session_path, *scan_path;
 static struct nacre_error error;

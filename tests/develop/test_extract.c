@@ -28,9 +28,15 @@ void tearDown(void)
 {
 }
 
+static void cut(const float *from, int x, int y)
+{
+    extract_window(&info, from, x, y, response[0][0]);
+    extract_add(&info, x, y, response[0][0], &sums);
+}
+
 static void window_is_centred_on_the_lit_point(void)
 {
-    extract_window(&info, reflected[0][0], 9, 8, response[0][0], &sums);
+    cut(reflected[0][0], 9, 8);
     for (int c = 0; c < 3; c++) {
         for (int v = 0; v < K; v++) {
             for (int u = 0; u < K; u++) {
@@ -45,7 +51,7 @@ static void window_is_centred_on_the_lit_point(void)
 
 static void entries_beside_the_sample_are_zero(void)
 {
-    extract_window(&info, reflected[0][0], 0, HEIGHT - 1, response[0][0], &sums);
+    cut(reflected[0][0], 0, HEIGHT - 1);
     TEST_ASSERT_EQUAL_FLOAT(0, response[0][0][2]);
     TEST_ASSERT_EQUAL_FLOAT(0, response[2][4][3]);
     TEST_ASSERT_EQUAL_FLOAT(reflected[2][HEIGHT - 1][0], response[2][3][3]);
@@ -60,7 +66,7 @@ static void unmeasured_entries_stay_so_and_are_counted(void)
 {
     reflected[1][8][9] = NAN;
     reflected[0][5][6] = NAN;
-    extract_window(&info, reflected[0][0], 9, 8, response[0][0], &sums);
+    cut(reflected[0][0], 9, 8);
     TEST_ASSERT_TRUE(isnan(response[1][3][3]));
     TEST_ASSERT_TRUE(isnan(response[0][0][0]));
     TEST_ASSERT_EQUAL_UINT(2, sums.missing);
@@ -80,7 +86,7 @@ static void overlap_of_a_geometric_fall_off_is_exact(void)
             }
         }
     }
-    extract_window(&info, reflected[0][0], 9, 8, response[0][0], &sums);
+    cut(reflected[0][0], 9, 8);
     double all = 1 / (1 - 0.4);
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, pow(0.4, 4), extract_overlap(&sums, K)); /* of `all` */
     TEST_ASSERT_DOUBLE_WITHIN(1e-6, pow(0.4, 3) / (all * (1 - pow(0.4, 4))),
@@ -96,7 +102,7 @@ static void response_that_does_not_fall_overlaps_wholly(void)
             }
         }
     }
-    extract_window(&info, reflected[0][0], 9, 8, response[0][0], &sums);
+    cut(reflected[0][0], 9, 8);
     TEST_ASSERT_EQUAL_DOUBLE(1, extract_overlap(&sums, K));
 }
 

@@ -18,8 +18,8 @@
 enum { DOTS = 4 };
 
 static const char plan_text[] = PLAN("5", "[1, 4, 16, 64]");
-static const struct develop_options usual = {BLACK_SUBTRACT, 0.99, DEMOSAIC_FIT, NACRE_FLOAT,
-                                             FLAT_PAPER};
+static const struct develop_options usual = {BLACK_SUBTRACT, 0.99,       DEMOSAIC_FIT,
+                                             NACRE_FLOAT,    FLAT_PAPER, false};
 static struct made_station station;
 static struct develop_report report;
 static struct nacre_error error;
