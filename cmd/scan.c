@@ -163,13 +163,21 @@ static int begin_pattern(void *context, const struct sequence_moment *moment,
     return NACRE_OK;
 }
 
+static int go_on(void *context, const struct pattern_frames *before, struct nacre_error *error)
+{
+    (void)error; /* the virtual station is always ready */
+    virtual_station_go_on(context, before);
+    return NACRE_OK;
+}
+
 /* Who lays the white layer on and takes it off: the virtual station itself, or the person at a real one. */
 static struct sequence_operator operator_of(struct stand *stand, struct person *person)
 {
     if (stand->simulated) {
         return (struct sequence_operator){.context = stand->simulated,
                                           .white_layer = lay_white_layer,
-                                          .pattern_begins = begin_pattern};
+                                          .pattern_begins = begin_pattern,
+                                          .goes_on = go_on};
     }
     return (struct sequence_operator){.context = person,
                                       .white_layer = person_white_layer,

@@ -21,6 +21,7 @@ struct run {
     struct exposer exposer;
     uint8_t *levels; /* [projector height][projector width] */
     struct sequence_layer layer;
+    int64_t began_ns; /* on the station's clock; later by what passed on it between runs */
 };
 
 /* Add what has passed on the station's clock since `began_ns`. */
@@ -154,6 +155,22 @@ static int begin_pattern(struct run *run, const struct sequence_moment *moment,
     return status;
 }
 
+/* Go on where an earlier run was when it had measured this pattern. */
+static int go_on_after(struct run *run, struct pattern before, struct nacre_error *error)
+{
+    const struct sequence_operator *person = run->person;
+    struct pattern_frames frames = {0};
+    int64_t stood_ns = clock_now_ns(run->devices->clock);
+    int status = session_read(run->session, before, &frames, error);
+    if (status == NACRE_OK) {
+        status = person->goes_on(person->context, &frames, error);
+        run->exposer.sequence_known = false; /* frames are counted from there, too */
+    }
+    pattern_frames_finish(&frames);
+    account(run, stood_ns, &run->began_ns);
+    return status;
+}
+
 /* Stop before a write fails: the disk must have room for the next pattern and for those that are still to be written. */
 static int check_room(struct run *run, const struct sequence_needs *needs, size_t left,
                       struct nacre_error *error)
@@ -170,16 +187,22 @@ static int measure_missing(struct run *run, const struct pattern *patterns, size
 {
     size_t done = 0;
     size_t missing = needs->patterns;
+    bool found = false; /* the pattern before */
     for (size_t i = 0; i < count; i++) {
         char detail[96];
         if (session_has(run->session, patterns[i])) {
             run->result->skipped++;
+            found = true;
             continue;
         }
         size_t retries = exposer_retries(&run->exposer);
         (void)snprintf(detail, sizeof detail, "%s %d, %zu retries",
                        pattern_kind_names[patterns[i].kind], patterns[i].number, retries);
         int status = progress_step(progress, (double)done, (double)missing, detail, error);
+        if (status == NACRE_OK && run->person->goes_on && found) {
+            status = go_on_after(run, patterns[i - 1], error);
+        }
+        found = false;
         if (status == NACRE_OK) {
             struct sequence_moment moment = {patterns[i], done, missing, retries};
             status = begin_pattern(run, &moment, error);
@@ -262,7 +285,7 @@ static int prepare(struct run *run, const struct sequence_options *options,
 }
 
 /* What the run leaves to be told. */
-static void sum_up(const struct run *run, int64_t began_ns)
+static void sum_up(const struct run *run)
 {
     struct sequence_result *result = run->result;
     const struct exposer_times *stages = &run->exposer.times;
@@ -272,7 +295,7 @@ static void sum_up(const struct run *run, int64_t began_ns)
     result->insisted = run->layer.insisted;
     result->times.stages = *stages;
     result->times.person_ns += run->layer.person_ns;
-    result->station_ns = clock_now_ns(run->devices->clock) - began_ns;
+    result->station_ns = clock_now_ns(run->devices->clock) - run->began_ns;
     result->times.rest_ns = result->station_ns - result->times.person_ns - result->times.disk_ns -
                             stages->exposing_ns - stages->readout_ns - stages->flip_ns -
                             stages->trigger_ns - stages->retakes_ns - stages->checks_ns;
@@ -307,7 +330,7 @@ int sequence_run(const struct devices *devices, const struct session *session,
     struct sequence_needs needs;
     struct pattern *patterns = NULL;
     size_t count = 0;
-    int64_t began_ns = clock_now_ns(devices->clock);
+    run.began_ns = clock_now_ns(devices->clock);
     *result = (struct sequence_result){0};
     int status = prepare(&run, options, &needs, error);
     if (status != NACRE_OK) {
@@ -324,7 +347,7 @@ int sequence_run(const struct devices *devices, const struct session *session,
     account(&run, ended_ns, &result->times.disk_ns);
     status = status == NACRE_OK ? written : status;
 out:
-    sum_up(&run, began_ns);
+    sum_up(&run);
     sequence_writer_free(run.writer);
     sequence_layer_finish(&run.layer);
     free(run.levels);

@@ -35,6 +35,9 @@ struct sequence_operator {
     /* A check frame does not show what white_layer said; `why` is a sentence without a full stop.
      * white_layer is called again next. May be NULL. */
     void (*layer_doubted)(void *context, const char *why);
+    /* An earlier run measured the pattern before the next one: these are its frames. For a station whose time stands still
+     * between runs. May be NULL. */
+    int (*goes_on)(void *context, const struct pattern_frames *before, struct nacre_error *error);
 };
 
 struct sequence_options {

@@ -276,8 +276,11 @@ static int measure(struct job *job, struct sequence_result *result, struct nacre
 {
     const struct sequence_options options = {.retries = RETRIES,
                                              .check_layer = job->opener.check_layer};
-    const struct sequence_operator person = {job, lay_white_layer, begin_pattern, show_life,
-                                             doubt_layer};
+    const struct sequence_operator person = {.context = job,
+                                             .white_layer = lay_white_layer,
+                                             .pattern_begins = begin_pattern,
+                                             .exposure_ends = show_life,
+                                             .layer_doubted = doubt_layer};
     struct devices devices = {0};
     if (job->skipped == job->status.patterns) {
         return NACRE_OK; /* a session that lacks nothing needs no devices */

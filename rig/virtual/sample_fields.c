@@ -52,7 +52,8 @@ static void noises(const double place[3], int seed, int which, int count, double
     }
 }
 
-static bool in_vein(const struct sample_vein *vein, const double place[3])
+/* `reach_mm`: of half its width and, for a place that may stray, how far. */
+static bool is_near_vein(const struct sample_vein *vein, const double place[3], double reach_mm)
 {
     double nearest = INFINITY;
     for (size_t i = 0; i + 3 < vein->point_count; i += 2) {
@@ -64,7 +65,7 @@ static bool in_vein(const struct sample_vein *vein, const double place[3])
         t = fmin(fmax(t, 0), 1);
         nearest = fmin(nearest, hypot(to[0] - t * along[0], to[1] - t * along[1]));
     }
-    return nearest <= 0.5 * vein->width_mm;
+    return nearest <= reach_mm;
 }
 
 static bool in_bands(const struct sample_bands *bands, const double place[3])
@@ -161,7 +162,7 @@ static bool in_map(const struct sample_map *map, const double place[3])
     return ((double)rgb[0] + (double)rgb[1] + (double)rgb[2]) / 3 > map->above;
 }
 
-/* The place before the inclusion leant and strayed. */
+/* The place before the inclusion leant. */
 static void straighten(const struct sample_inclusion *inclusion, const double place_mm[3],
                        double plain[3])
 {
@@ -171,6 +172,12 @@ static void straighten(const struct sample_inclusion *inclusion, const double pl
     for (int i = 0; i < 2; i++) {
         plain[i] -= inclusion->lean[i] * place_mm[2];
     }
+}
+
+/* And before it strayed, by at most wander_mm in x and in y. */
+static void lead_back(const struct sample_inclusion *inclusion, const double place_mm[3],
+                      double plain[3])
+{
     if (inclusion->wander_mm > 0) {
         double half = 0.5 * inclusion->wander_size_mm;
         double at[3] = {place_mm[0] / half, place_mm[1] / half, place_mm[2] / half};
@@ -190,8 +197,16 @@ static bool inside(const struct sample_inclusion *inclusion, const double place_
     }
     straighten(inclusion, place_mm, plain);
     if (inclusion->vein.line) {
-        return in_vein(&inclusion->vein, plain);
+        /* Most places are too far from a vein to ask how it strays. */
+        double half_mm = 0.5 * inclusion->vein.width_mm;
+        double astray_mm = 1.4143 * inclusion->wander_mm;
+        if (!is_near_vein(&inclusion->vein, plain, half_mm + astray_mm)) {
+            return false;
+        }
+        lead_back(inclusion, place_mm, plain);
+        return is_near_vein(&inclusion->vein, plain, half_mm);
     }
+    lead_back(inclusion, place_mm, plain);
     if (inclusion->bands.line) {
         return in_bands(&inclusion->bands, plain);
     }

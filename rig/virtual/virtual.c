@@ -137,6 +137,15 @@ static int64_t begin_of(const struct virtual_station *station, enum frame_fault 
     return station->trigger_ns;
 }
 
+/* When an exposure has been read out. */
+static int64_t ready_of(const struct virtual_station *station, int64_t begin_ns,
+                        int64_t exposure_ns)
+{
+    bool reads_out = effects_has(light_effects(station->light), EFFECT_READOUT);
+    return begin_ns + exposure_ns +
+           (reads_out ? milliseconds(station->settings.simulated.camera.readout_ms) : 0);
+}
+
 static int fail_without_frame(struct virtual_station *station, int64_t timeout_ns,
                               struct nacre_error *error)
 {
@@ -179,10 +188,7 @@ static int camera_take(struct camera *camera, int64_t timeout_ns, struct camera_
                                       .exposure_ns = station->exposure_ns,
                                       .key =
                                           sensor_key(station->key, (uint64_t)station->exposure_ns)};
-    int64_t ready_ns = exposure.begin_ns + exposure.exposure_ns;
-    if (effects_has(light_effects(station->light), EFFECT_READOUT)) {
-        ready_ns += milliseconds(station->settings.simulated.camera.readout_ms);
-    }
+    int64_t ready_ns = ready_of(station, exposure.begin_ns, exposure.exposure_ns);
     if (!station->triggered || ready_ns > station->clock.time_ns + timeout_ns) {
         return fail_without_frame(station, timeout_ns, error);
     }
@@ -307,6 +313,14 @@ void virtual_station_begin_pattern(struct virtual_station *simulated, struct pat
     uint64_t seed = (uint64_t)simulated->settings.simulated.seed;
     simulated->key = sensor_key(sensor_key(seed, (uint64_t)pattern.kind), (uint64_t)pattern.number);
     simulated->tries = 0;
+}
+
+void virtual_station_go_on(struct virtual_station *simulated, const struct pattern_frames *before)
+{
+    const struct exposure *last = &before->exposures[before->count - 1];
+    clock_advance(&simulated->clock.base, last->trigger_ns);
+    clock_advance(&simulated->clock.base, ready_of(simulated, last->frame_ns, last->exposure_ns));
+    simulated->sequence = last->sequence + 1;
 }
 
 int virtual_station_tell_refreshes(struct virtual_station *simulated, struct nacre_error *error)

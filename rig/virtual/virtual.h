@@ -6,6 +6,7 @@
 #include "rig/camera.h"
 #include "rig/plan.h"
 #include "rig/projector.h"
+#include "rig/session.h"
 #include "rig/station.h"
 #include "rig/trigger.h"
 #include "rig/virtual/effects.h"
@@ -32,6 +33,10 @@ void virtual_station_set_white_layer(struct virtual_station *simulated, int on);
 /* Say which pattern comes next: the noise of its frames depends on it and not on what was shown before, so that a
  * resumed scan equals an undisturbed one. */
 void virtual_station_begin_pattern(struct virtual_station *simulated, struct pattern pattern);
+
+/* Let time and the camera's count go on from these frames, the last that an earlier run took: what depends on time, as a
+ * lamp's light, is then what it would be without the break. */
+void virtual_station_go_on(struct virtual_station *simulated, const struct pattern_frames *before);
 
 /* From now on `show` returns, and tells, the refresh that takes a pattern; it is on the glass its latency later. So does a
  * real projector whose latency is not known yet. */

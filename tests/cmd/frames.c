@@ -52,7 +52,7 @@ struct session_files session_files_count(const char *session)
     return files;
 }
 
-/* What a clock or a counter says, which begin anew with each run. */
+/* What a clock or a counter says, which each station has its own of. */
 static bool tells_when(const char *attribute)
 {
     static const char *const names[] = {"nacre.flip_ns",  "nacre.trigger_ns",
@@ -124,7 +124,7 @@ static void expect_same_bytes(const char *path_a, const char *path_b)
     free(b);
 }
 
-static void compare(const char *expected, const char *session, bool settings)
+static void compare(const char *expected, const char *session, bool bytes)
 {
     for (int i = 0; i < FOLDERS; i++) {
         struct dirent **entries = NULL;
@@ -137,10 +137,10 @@ static void compare(const char *expected, const char *session, bool settings)
         for (int k = 0; k < found; k++) {
             char *a = path_join(from, entries[k]->d_name);
             char *b = path_join(to, entries[k]->d_name);
-            if (keep_exr(entries[k])) {
-                expect_same_frames(a, b);
-            } else if (settings && entries[k]->d_type == DT_REG) {
+            if (bytes && entries[k]->d_type == DT_REG) {
                 expect_same_bytes(a, b);
+            } else if (keep_exr(entries[k])) {
+                expect_same_frames(a, b);
             }
             free(a);
             free(b);

@@ -9,11 +9,10 @@ struct session_files {
 
 struct session_files session_files_count(const char *session);
 
-/* Every file of `expected` must be in `session`, and no other; files of frames whole and the same but for when they were
- * taken, settings byte for byte. */
+/* Every file of `expected` must be in `session`, and no other, the same byte for byte. */
 void frames_expect_same(const char *expected, const char *session);
 
-/* The same of the files of frames alone, as for scans of one plan on different stations. */
+/* The same of the files of frames alone, but for when they were taken, as for scans of one plan on different stations. */
 void frames_expect_same_patterns(const char *expected, const char *session);
 
 #endif

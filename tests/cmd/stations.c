@@ -32,6 +32,7 @@ static const char plan[] = "seed: 5\n"
                            "window: 11\n"
                            "exposure_turns: [1, 8, 60]\n";
 
+/* Takes what else projector and camera do. */
 static const char station[] =
     "sample: {width: 20, height: 16, pitch_mm: 0.4}\n"
     "camera: {driver: virtual, width: 96, height: 80, bits: 10, bayer: RGGB, pedestal: 16,\n"
@@ -43,8 +44,8 @@ static const char station[] =
     "virtual:\n"
     "  sample: sample.yaml\n"
     "  seed: 11\n"
-    "  projector: {contrast: 2000, vignetting: 0.1}\n"
-    "  camera: {elevation_deg: 12, pixels_per_point: 4}\n";
+    "  projector: {contrast: 2000, vignetting: 0.1%s}\n"
+    "  camera: {elevation_deg: 12, pixels_per_point: 4%s}\n";
 
 static void write_into(const char *folder, const char *name, const char *text)
 {
@@ -53,11 +54,28 @@ static void write_into(const char *folder, const char *name, const char *text)
     free(path);
 }
 
-void stations_write(const char *folder)
+static void write_station(const char *folder, const char *projector, const char *camera)
 {
-    write_into(folder, "station.yaml", station);
+    char *text = NULL;
+    if (asprintf(&text, station, projector, camera) < 0) {
+        abort();
+    }
+    write_into(folder, "station.yaml", text);
     write_into(folder, "plan.yaml", plan);
     write_into(folder, "sample.yaml", sample);
+    free(text);
+}
+
+void stations_write(const char *folder)
+{
+    write_station(folder, "", "");
+}
+
+void stations_write_restless(const char *folder)
+{
+    write_station(folder,
+                  ", lamp: {drift: 0.05, drift_hours: 0.02, flicker: 0.01, flicker_hz: 100}",
+                  ", readout_ms: 15, dropped_frames: 0.02, late_frames: 0.02");
 }
 
 void stations_write_scene(const char *path, const char *material)

@@ -34,7 +34,7 @@ static const char sample[] =
     " materials: [{name: light, scattering_per_mm: [2.4, 2.3, 2.1],\n"
     "              absorption_per_mm: [0.2, 0.3, 0.6]}]}\n";
 
-/* Takes what the sensor's noise is. */
+/* Takes what the sensor's noise is, and the lamp. */
 static const char station[] =
     "sample: {width: 8, height: 8, pitch_mm: 0.5}\n"
     "camera: {driver: virtual, width: 40, height: 40, bits: 10, bayer: RGGB, pedestal: 16%s}\n"
@@ -45,7 +45,7 @@ static const char station[] =
     "virtual:\n"
     "  sample: sample.yaml\n"
     "  seed: 11\n"
-    "  projector: {contrast: 2000, vignetting: 0.1}\n"
+    "  projector: {contrast: 2000, vignetting: 0.1%s}\n"
     "  camera: {elevation_deg: 12, pixels_per_point: 4}\n";
 
 /* One kind of station and what an undisturbed scan on it gives. */
@@ -124,12 +124,13 @@ static int number_of(const char *json, const char *key)
 }
 
 /* Made before the tests, so what fails here ends the program. */
-static struct truth make_truth(const char *name, const char *noise)
+static struct truth make_truth(const char *name, const char *noise, const char *lamp)
 {
     char *text = NULL;
     char *file = NULL;
     struct truth truth = {.session = path_join(folder, name)};
-    if (asprintf(&text, station, noise) < 0 || asprintf(&file, "%s.yaml", truth.session) < 0 ||
+    if (asprintf(&text, station, noise, lamp) < 0 ||
+        asprintf(&file, "%s.yaml", truth.session) < 0 ||
         asprintf(&truth.developed, "%s.exr", truth.session) < 0) {
         abort();
     }
@@ -394,8 +395,9 @@ int main(int argc, char **argv)
     char *sample_path = path_join(folder, "sample.yaml");
     text_write(plan_path, plan);
     text_write(sample_path, sample);
-    quiet = make_truth("quiet", "");
-    noisy = make_truth("noisy", ", read_noise: 0.5, electrons: 8");
+    quiet = make_truth("quiet", "", "");
+    noisy = make_truth("noisy", ", read_noise: 0.5, electrons: 8",
+                       ", lamp: {drift: 0.05, drift_hours: 0.01, flicker: 0.02, flicker_hz: 100}");
     UNITY_BEGIN();
     RUN_TEST(undisturbed_scans_are_measured);
     RUN_TEST(scans_killed_at_any_moment_are_resumed);
