@@ -1,0 +1,23 @@
+/* Points in space in runs that lie close together: receivers and light samples that are treated alike. */
+#ifndef RENDER_BUNDLES_H
+#define RENDER_BUNDLES_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+struct bundle_box {
+    float low[3], high[3];
+};
+
+/* Reorder the indices so that every run of `run` of them, counted from the first, is compact in space: a tree of halves
+ * across the longest side. positions[index * stride] begins a point. */
+void bundles_sort(const float *positions, size_t stride, uint32_t *order, size_t count, size_t run);
+
+/* The box of some of the points. */
+struct bundle_box bundles_box(const float *positions, size_t stride, const uint32_t *order,
+                              size_t count);
+
+/* The distance between two boxes; 0 where they meet. */
+double bundles_gap(const struct bundle_box *a, const struct bundle_box *b);
+
+#endif

@@ -1,0 +1,206 @@
+/* What accuracy costs in the renderer: error against processor time of the plain gather, from photons and from spread
+ * samples, and of the gather that nacre uses, on a knot of 100,000 vertices of a material of the paper candle's size. */
+#include "candle_model.h"
+#include "plain_gather.h"
+#include "timing.h"
+
+#include "render/bake.h"
+#include "render/local_light.h"
+#include "render/receivers.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { EVERY = 12 }; /* one bundle of receivers in so many is compared with the reference */
+
+struct bench {
+    struct opencl opencl;
+    struct mesh mesh;
+    struct mapping mapping;
+    struct appearance appearance;
+    struct light lights[2];
+    struct world *world;
+    float (*reference)[3]; /* smooth and local part, converged */
+    bool *compared;
+};
+
+/* One way to the light at the vertices. */
+struct way {
+    double density;
+    int rays;
+    size_t photons;
+    bool plain;
+    double near_points;
+};
+
+struct outcome {
+    size_t samples;
+    double light, gather; /* processor seconds */
+    double error, bias;   /* relative to the RMS */
+};
+
+static struct nacre_error error;
+
+static void must(int status)
+{
+    if (status != NACRE_OK) {
+        fail(error.text);
+    }
+}
+
+static void make_lights(struct bench *bench)
+{
+    const struct scene_light lights[2] = {{.kind = LIGHT_AREA,
+                                           .position_mm = {-90, 60, 320},
+                                           .at_mm = {0, 0, 25},
+                                           .up = {0, 1, 0},
+                                           .size_mm = {220, 220},
+                                           .irradiance = {1, 0.97, 0.92}},
+                                          {.kind = LIGHT_AREA,
+                                           .position_mm = {260, -330, 200},
+                                           .at_mm = {0, 0, 25},
+                                           .up = {0, 0, 1},
+                                           .size_mm = {240, 240},
+                                           .irradiance = {0.16, 0.18, 0.22}}};
+    for (int i = 0; i < 2; i++) {
+        must(light_make(&bench->lights[i], &lights[i], &error));
+    }
+}
+
+static void make_bench(struct bench *bench)
+{
+    const double none[3] = {0};
+    struct motion still = motion_make(none, (struct vec3){0, 0, 0});
+    struct nacre_material material = candle_model();
+    const struct scene_material settings = {.mapping = MAPPING_UV};
+    const struct mesh *meshes[1] = {&bench->mesh};
+    must(opencl_open(NULL, &bench->opencl, &error));
+    must(appearance_make(&bench->appearance, &material, &error));
+    must(mesh_make_knot(&bench->mesh, 181, 0.7, 0.934, &error));
+    must(mapping_make(&bench->mapping, &settings, material.width, material.height,
+                      material.pitch_mm, &bench->mesh, &still, &error));
+    must(mapping_follow(&bench->mapping, &bench->mesh, &error));
+    must(world_new(meshes, 1, &bench->world, &error));
+    make_lights(bench);
+    nacre_material_finish(&material);
+    bench->reference = allocate(bench->mesh.vertex_count * sizeof *bench->reference);
+    bench->compared = allocate(bench->mesh.vertex_count * sizeof *bench->compared);
+}
+
+static void make_samples(const struct bench *bench, const struct way *way,
+                         struct light_samples *samples)
+{
+    struct lit_surface surface = {&bench->mesh, &bench->mapping, 0};
+    double point = bench->mapping.point_mm;
+    must(way->photons > 0
+             ? samples_shoot(&surface, bench->world, bench->lights, 2, way->photons, 1, NULL,
+                             samples, &error)
+             : samples_spread(&surface, bench->world, bench->lights, 2,
+                              way->density / (point * point), way->rays, 1, NULL, samples, &error));
+}
+
+/* The light that leaves where it fell, as bake_object adds it. */
+static void add_local(const struct bench *bench, const struct light_samples *samples,
+                      float (*radiosity)[3])
+{
+    size_t count = bench->mesh.vertex_count;
+    float(*irradiance)[3] = allocate(count * sizeof *irradiance);
+    must(local_light(&bench->mesh, samples, bench->mapping.point_mm, irradiance, &error));
+    for (size_t i = 0; i < count; i++) {
+        double local[3];
+        receivers_lookup(&bench->mesh, &bench->mapping, i, bench->appearance.local, local);
+        for (int c = 0; c < 3; c++) {
+            radiosity[i][c] += (float)(local[c] * irradiance[i][c]);
+        }
+    }
+    free(irradiance);
+}
+
+static struct outcome run(struct bench *bench, const struct way *way, size_t every,
+                          float (*radiosity)[3], bool *done)
+{
+    struct light_samples samples;
+    struct outcome outcome = {0};
+    struct moment start = timing_now();
+    memset(radiosity, 0, bench->mesh.vertex_count * sizeof *radiosity);
+    make_samples(bench, way, &samples);
+    add_local(bench, &samples, radiosity);
+    outcome.light = timing_since(start).processor;
+    outcome.samples = samples.count;
+    struct gather gather = {&bench->mesh, &bench->mapping, &bench->appearance,
+                            &samples,     false,           way->near_points};
+    if (way->plain) {
+        outcome.gather = plain_gather(&gather, &bench->opencl, every, radiosity, done);
+    } else {
+        struct gather_counts counts;
+        start = timing_now();
+        must(gather_run(&gather, &bench->opencl, NULL, radiosity, &counts, &error));
+        outcome.gather = timing_since(start).processor;
+    }
+    samples_finish(&samples);
+    return outcome;
+}
+
+static void compare(const struct bench *bench, float (*radiosity)[3], struct outcome *outcome)
+{
+    double square = 0, reference = 0, difference = 0, sum = 0;
+    for (size_t i = 0; i < bench->mesh.vertex_count; i++) {
+        for (int c = 0; bench->compared[i] && c < 3; c++) {
+            double one = radiosity[i][c], two = bench->reference[i][c];
+            square += (one - two) * (one - two);
+            reference += two * two;
+            difference += one - two;
+            sum += two;
+        }
+    }
+    outcome->error = sqrt(square / reference);
+    outcome->bias = difference / sum;
+}
+
+static void report(const char *name, const struct way *way, const struct outcome *outcome)
+{
+    char how[64];
+    if (way->photons > 0) {
+        (void)snprintf(how, sizeof how, "%zu photons", way->photons);
+    } else {
+        (void)snprintf(how, sizeof how, "%g to a point x %d rays", way->density, way->rays);
+    }
+    printf(
+        "%-12s %-26s %9zu samples  light %7.2f s  gather %7.2f s  error %6.3f %%  bias %+.3f %%\n",
+        name, how, outcome->samples, outcome->light, outcome->gather, 100 * outcome->error,
+        100 * outcome->bias);
+    (void)fflush(stdout);
+}
+
+int main(int argc, char **argv)
+{
+    struct bench bench = {0};
+    double fine = argc > 1 ? strtod(argv[1], NULL) : 32;
+    make_bench(&bench);
+    size_t count = bench.mesh.vertex_count;
+    bool *done = allocate(count * sizeof *done);
+    float(*radiosity)[3] = allocate(count * sizeof *radiosity);
+    printf("%s; %zu vertices, %zu triangles; "
+           "processor seconds of both threads, plain ones from one receiver in %d\n",
+           bench.opencl.name, count, bench.mesh.triangle_count, EVERY);
+    struct way way = {.density = 1, .rays = 1, .plain = true};
+    (void)run(&bench, &way, 200, radiosity, done); /* compiles */
+    way = (struct way){.density = fine, .rays = 8, .plain = true};
+    struct outcome outcome = run(&bench, &way, EVERY, bench.reference, bench.compared);
+    report("reference", &way, &outcome);
+    const struct way ways[] = {
+        {.density = 1, .rays = 8, .plain = true}, {.density = 2, .rays = 8, .plain = true},
+        {.density = 4, .rays = 8, .plain = true}, {.density = 8, .rays = 8, .plain = true},
+        {.photons = 4000000, .plain = true},      {.density = 1, .rays = 8, .near_points = 3},
+    };
+    size_t way_count = argc > 2 ? (size_t)strtoul(argv[2], NULL, 10) : sizeof ways / sizeof *ways;
+    for (size_t i = 0; i < way_count; i++) {
+        size_t every = ways[i].plain ? EVERY : 1;
+        outcome = run(&bench, &ways[i], every, radiosity, done);
+        compare(&bench, radiosity, &outcome);
+        report(ways[i].plain ? "plain" : "gather", &ways[i], &outcome);
+    }
+    return EXIT_SUCCESS;
+}
