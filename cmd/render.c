@@ -91,6 +91,11 @@ static const struct option_spec options[] = {
      .sentence = "leave the POV-Ray files in this folder, to be edited"},
     {0}};
 
+static uint64_t rays_of(const struct light_work *work)
+{
+    return work->shadow_rays + work->bounce_rays + work->photons;
+}
+
 static void print_object(size_t number, const struct render_object_report *object)
 {
     const struct bake_counts *counts = &object->counts;
@@ -104,7 +109,7 @@ static void print_object(size_t number, const struct render_object_report *objec
         return;
     }
     (void)printf("  light       %zu samples, %llu rays\n", counts->samples,
-                 (unsigned long long)counts->rays);
+                 (unsigned long long)rays_of(&counts->work));
     (void)printf(
         "  surface point %.3g mm, drawn larger by %.2f / %.2f / %.2f (5 / 50 / 95 %% of the "
         "surface)\n",
@@ -142,9 +147,9 @@ static int print_json(const char *output, const struct render_report *report,
                       (json_int_t)o->vertices, "triangles", (json_int_t)o->triangles, "degenerate",
                       (json_int_t)o->degenerate, "translucent", o->translucent, "samples",
                       (json_int_t)o->counts.samples, "quarters",
-                      (json_int_t)o->counts.gather.quarters, "rays", (json_int_t)o->counts.rays,
-                      "point_mm", o->point_mm, "stretch", o->stretch[0], o->stretch[1],
-                      o->stretch[2], "limited", o->limited));
+                      (json_int_t)o->counts.gather.quarters, "rays",
+                      (json_int_t)rays_of(&o->counts.work), "point_mm", o->point_mm, "stretch",
+                      o->stretch[0], o->stretch[1], o->stretch[2], "limited", o->limited));
     }
     return json_print(root, error);
 }

@@ -23,19 +23,17 @@ static int64_t now_ns(void)
     return clock_now_ns(&clock);
 }
 
-static int sample_light(const struct lit_surface *surface, const struct world *world,
-                        const struct light *lights, size_t light_count,
+static int sample_light(const struct lit_surface *surface, const struct lighting *lighting,
                         const struct bake_settings *settings, struct light_samples *samples,
                         struct nacre_error *error)
 {
     struct progress progress = progress_begin("lighting", settings->quiet);
     double point = surface->mapping->point_mm;
-    int status = settings->photons > 0
-                     ? samples_shoot(surface, world, lights, light_count, settings->photons,
-                                     settings->seed, &progress, samples, error)
-                     : samples_spread(surface, world, lights, light_count,
-                                      settings->density / (point * point), settings->rays,
-                                      settings->seed, &progress, samples, error);
+    int status =
+        settings->photons > 0 && lighting->light_count > 0
+            ? samples_shoot(surface, lighting, settings->photons, &progress, samples, error)
+            : samples_spread(surface, lighting, settings->density / (point * point), &progress,
+                             samples, error);
     progress_end(&progress);
     return status;
 }
@@ -89,43 +87,47 @@ static int check_finite(const struct mesh *mesh, float (*radiosity)[3], struct n
     return NACRE_OK;
 }
 
-int bake_object(const struct mesh *mesh, const struct mapping *mapping,
-                const struct appearance *appearance, const struct scene_material *material,
-                const struct world *world, size_t object, const struct light *lights,
-                size_t light_count, const struct opencl *opencl,
-                const struct bake_settings *settings, float (*radiosity)[3],
-                struct bake_counts *counts, struct nacre_error *error)
+static void count(const struct light_samples *samples, const struct gather_counts *gather,
+                  struct bake_counts *counts)
 {
-    struct lit_surface surface = {mesh, mapping, object};
+    counts->samples += samples->count;
+    light_work_add(&counts->work, &samples->work);
+    counts->gather.receivers += gather->receivers;
+    counts->gather.samples += gather->samples;
+    counts->gather.quarters += gather->quarters;
+    counts->gather.lookups += gather->lookups;
+}
+
+int bake_object(const struct lit_surface *surface, const struct appearance *appearance,
+                const struct render_object_effects *effects, const struct lighting *lighting,
+                const struct opencl *opencl, const struct bake_settings *settings,
+                float (*radiosity)[3], struct bake_counts *counts, struct nacre_error *error)
+{
+    const struct mesh *mesh = surface->mesh;
+    const struct mapping *mapping = surface->mapping;
     struct light_samples samples = {0};
+    struct gather_counts gathered = {0};
     int64_t start = now_ns();
-    *counts = (struct bake_counts){0};
-    int status = sample_light(&surface, world, lights, light_count, settings, &samples, error);
-    counts->samples = samples.count;
-    counts->rays = samples.rays;
-    if (status != NACRE_OK) {
-        goto out;
-    }
-    if (material->mode == MODE_ALBEDO) {
+    int status = sample_light(surface, lighting, settings, &samples, error);
+    if (status == NACRE_OK && effects->albedo) {
         status = add_albedo(mesh, mapping, appearance, &samples, radiosity, error);
-        counts->light_seconds = seconds_since(start);
-    } else {
+    } else if (status == NACRE_OK && RENDER_EFFECTS_BUILT(RENDER_LOCAL) && effects->local) {
         status = add_local(mesh, mapping, &samples, appearance->local, radiosity, error);
-        counts->light_seconds = seconds_since(start);
-        start = now_ns();
-        if (status == NACRE_OK && appearance->gathers) {
-            struct gather gather = {
-                mesh, mapping, appearance, &samples, material->thin == THIN_SAME_SIDE, near_points};
-            struct progress progress = progress_begin("gathering", settings->quiet);
-            status = gather_run(&gather, opencl, &progress, radiosity, &counts->gather, error);
-            progress_end(&progress);
-        }
-        counts->gather_seconds = seconds_since(start);
     }
+    counts->light_seconds += seconds_since(start);
+    start = now_ns();
+    if (status == NACRE_OK && RENDER_EFFECTS_BUILT(RENDER_SUBSURFACE) && effects->subsurface) {
+        struct gather gather = {mesh,       mapping, appearance, &samples, effects->same_side,
+                                near_points};
+        struct progress progress = progress_begin("gathering", settings->quiet);
+        status = gather_run(&gather, opencl, &progress, radiosity, &gathered, error);
+        progress_end(&progress);
+    }
+    counts->gather_seconds += seconds_since(start);
     if (status == NACRE_OK) {
         status = check_finite(mesh, radiosity, error);
     }
-out:
+    count(&samples, &gathered, counts);
     samples_finish(&samples);
     return status;
 }

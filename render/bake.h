@@ -5,11 +5,11 @@
 #include "base/opencl.h"
 #include "base/progress.h"
 #include "render/appearance.h"
+#include "render/effects.h"
 #include "render/gather.h"
-#include "render/lights.h"
+#include "render/irradiance.h"
 #include "render/mapping.h"
 #include "render/scene.h"
-#include "render/world.h"
 
 struct bake_settings {
     double density; /* light samples to one surface point */
@@ -21,17 +21,16 @@ struct bake_settings {
 
 struct bake_counts {
     size_t samples;
-    uint64_t rays;
+    struct light_work work;
     struct gather_counts gather;
     double light_seconds, gather_seconds;
 };
 
-/* radiosity[vertex][3], zeroed by the caller. `object` is the mesh's number in the world. */
-int bake_object(const struct mesh *mesh, const struct mapping *mapping,
-                const struct appearance *appearance, const struct scene_material *material,
-                const struct world *world, size_t object, const struct light *lights,
-                size_t light_count, const struct opencl *opencl,
-                const struct bake_settings *settings, float (*radiosity)[3],
-                struct bake_counts *counts, struct nacre_error *error);
+/* Add to radiosity[vertex][3] what leaves the surface under the lighting, of which rays and seed are the settings'.
+ * Photons are sent out where there are lights. Adds to *counts. */
+int bake_object(const struct lit_surface *surface, const struct appearance *appearance,
+                const struct render_object_effects *effects, const struct lighting *lighting,
+                const struct opencl *opencl, const struct bake_settings *settings,
+                float (*radiosity)[3], struct bake_counts *counts, struct nacre_error *error);
 
 #endif

@@ -1,77 +1,170 @@
-/* Shadow rays spread over the lights. */
+/* Shadow rays spread over the lights, and rays spread over what a point sees. */
 #include "render/irradiance.h"
 
+#include "render/effects.h"
+#include "render/fresnel.h"
 #include "render/random.h"
-
-/* What decides about a ray. */
-enum shadow { SHADOW_TRACE, SHADOW_NEVER };
 
 struct tally {
     double irradiance[3];
+    int facing; /* samples of a light that the surface faces */
     int cast, blocked;
 };
 
-/* Add samples begin to end - 1 of a light's `count`. */
-static void add_samples(const struct world *world, const struct light *light, struct vec3 point,
-                        struct vec3 normal, const double shift[2], uint64_t number, int begin,
-                        int end, int count, enum shadow shadow, struct tally *tally)
+/* Number k of Roberts' R2 sequence, every run of which covers the unit square evenly. */
+static void square_point(const double shift[2], uint64_t k, double u[2])
 {
-    for (int k = begin; k < end; k++) {
-        /* Roberts' R2 sequence: every run of it covers the light evenly. */
-        double u[2] = {shift[0] + (double)(number + (uint64_t)k) * 0.7548776662466927,
-                       shift[1] + (double)(number + (uint64_t)k) * 0.5698402909980532};
-        u[0] -= floor(u[0]);
-        u[1] -= floor(u[1]);
-        struct light_arrival arrival = light_arrive(light, point, normal, u);
+    u[0] = shift[0] + (double)k * 0.7548776662466927;
+    u[1] = shift[1] + (double)k * 0.5698402909980532;
+    u[0] -= floor(u[0]);
+    u[1] -= floor(u[1]);
+}
+
+static double transmitted(const struct lit_point *point, struct vec3 towards)
+{
+    return fresnel_transmitted(point->index, vec3_dot(vec3_unit(towards), point->normal));
+}
+
+/* Samples of a light: numbers from `first` on, each of the share `share`. */
+struct run {
+    const double *shift;
+    uint64_t first;
+    int count;
+    double share;
+};
+
+/* One body for all; `shadows` and `enters` are constant where it is used, so that nothing is asked for each ray. */
+__attribute__((always_inline)) static inline void
+add_samples(const struct world *world, const struct light *light, const struct lit_point *point,
+            const struct run *run, const bool shadows, const bool enters, struct tally *tally)
+{
+    for (int k = 0; k < run->count; k++) {
+        double u[2];
+        square_point(run->shift, run->first + (uint64_t)k, u);
+        struct light_arrival arrival = light_arrive(light, point->position, point->normal, u);
         const double *light_here = arrival.irradiance;
         if (fmax(light_here[0], fmax(light_here[1], light_here[2])) <= 0) {
             continue;
         }
-        if (shadow == SHADOW_TRACE) {
+        tally->facing++;
+        if (shadows) {
             tally->cast++;
-            if (world_blocked(world, point, normal, arrival.from)) {
+            if (world_blocked(world, point->position, point->normal, arrival.from)) {
                 tally->blocked++;
                 continue;
             }
         }
+        double share = run->share;
+        if (enters) {
+            share *= transmitted(point, vec3_subtract(arrival.from, point->position));
+        }
         for (int c = 0; c < 3; c++) {
-            tally->irradiance[c] += light_here[c] / count;
+            tally->irradiance[c] += light_here[c] * share;
         }
     }
 }
 
-uint64_t irradiance_at(const struct world *world, const struct light *lights, size_t light_count,
-                       struct vec3 point, struct vec3 normal, int rays, uint64_t seed,
-                       uint64_t stream, double out[3])
+static void add_light(const struct world *world, const struct light *light,
+                      const struct lit_point *point, const struct run *run, bool shadows,
+                      struct tally *tally)
 {
-    struct tally tally = {0};
-    for (size_t l = 0; l < light_count; l++) {
-        int count = lights[l].kind == LIGHT_AREA ? rays : 1;
-        double shift[2] = {random_uniform(seed, l, 0), random_uniform(seed, l, 1)};
-        add_samples(world, &lights[l], point, normal, shift, stream * (uint64_t)count, 0, count,
-                    count, SHADOW_TRACE, &tally);
+    if (!RENDER_EFFECTS_BUILT(RENDER_FRESNEL) || point->index == 1) {
+        if (shadows) {
+            add_samples(world, light, point, run, true, false, tally);
+        } else {
+            add_samples(world, light, point, run, false, false, tally);
+        }
+    } else if (shadows) {
+        add_samples(world, light, point, run, true, true, tally);
+    } else {
+        add_samples(world, light, point, run, false, true, tally);
     }
-    for (int c = 0; c < 3; c++) {
-        out[c] = tally.irradiance[c];
-    }
-    return (uint64_t)tally.cast;
 }
 
-uint64_t irradiance_penumbra(const struct world *world, const struct light *light,
-                             struct vec3 point, struct vec3 normal, int rays, uint64_t seed,
-                             uint64_t stream, double out[3])
+static void count_work(const struct light *light, const struct lit_point *point,
+                       const struct tally *tally, struct light_work *work)
 {
-    const int first = (rays + 3) / 4;
-    double shift[2] = {random_uniform(seed, stream, 0), random_uniform(seed, stream, 1)};
-    struct tally tally = {0};
-    add_samples(world, light, point, normal, shift, 0, 0, first, rays, SHADOW_TRACE, &tally);
-    bool dark = tally.cast > 0 && tally.blocked == tally.cast;
-    enum shadow rest = tally.blocked == 0 ? SHADOW_NEVER : SHADOW_TRACE;
-    if (!dark) {
-        add_samples(world, light, point, normal, shift, 0, first, rays, rays, rest, &tally);
+    uint64_t facing = (uint64_t)tally->facing;
+    work->shadow_rays += (uint64_t)tally->cast;
+    work->slide_lookups += light->kind == LIGHT_PROJECTOR && light->slide.rgb ? facing : 0;
+    work->sky_lookups += light->kind == LIGHT_ENVIRONMENT ? facing : 0;
+    work->transmittances += point->index != 1 ? (uint64_t)(tally->facing - tally->blocked) : 0;
+}
+
+void irradiance_at(const struct lighting *lighting, const struct lit_point *point, double out[3],
+                   struct light_work *work)
+{
+    out[0] = out[1] = out[2] = 0;
+    for (size_t l = 0; l < lighting->light_count; l++) {
+        const struct light *light = &lighting->lights[l];
+        int count = light->soft ? lighting->rays : 1;
+        double shift[2] = {random_uniform(lighting->seed, l, 0),
+                           random_uniform(lighting->seed, l, 1)};
+        struct run run = {shift, point->stream * (uint64_t)count, count, 1.0 / count};
+        struct tally tally = {0};
+        add_light(lighting->world, light, point, &run, lighting->shadows, &tally);
+        count_work(light, point, &tally, work);
+        for (int c = 0; c < 3; c++) {
+            out[c] += tally.irradiance[c];
+        }
     }
+    if (RENDER_EFFECTS_BUILT(RENDER_BOUNCES) && lighting->reflectors) {
+        irradiance_from_surfaces(lighting, point, out, work);
+    }
+}
+
+void irradiance_penumbra(const struct lighting *lighting, const struct light *light,
+                         const struct lit_point *point, double out[3], struct light_work *work)
+{
+    const int first = (lighting->rays + 3) / 4, rest = lighting->rays - first;
+    double shift[2] = {random_uniform(lighting->seed, point->stream, 0),
+                       random_uniform(lighting->seed, point->stream, 1)};
+    double share = 1.0 / lighting->rays;
+    struct tally tally = {0};
+    struct run run = {shift, 0, first, share};
+    add_light(lighting->world, light, point, &run, lighting->shadows, &tally);
+    bool dark = tally.cast > 0 && tally.blocked == tally.cast;
+    bool penumbra = tally.blocked > 0;
+    if (!dark) {
+        run = (struct run){shift, (uint64_t)first, rest, share};
+        add_light(lighting->world, light, point, &run, lighting->shadows && penumbra, &tally);
+    }
+    count_work(light, point, &tally, work);
     for (int c = 0; c < 3; c++) {
         out[c] = tally.irradiance[c];
     }
-    return (uint64_t)tally.cast;
+}
+
+void irradiance_from_surfaces(const struct lighting *lighting, const struct lit_point *point,
+                              double out[3], struct light_work *work)
+{
+    double shift[2] = {random_uniform(lighting->seed, UINT64_MAX, 0),
+                       random_uniform(lighting->seed, UINT64_MAX, 1)};
+    double share = 1.0 / lighting->rays;
+    for (int k = 0; k < lighting->rays; k++) {
+        double u[2], radiosity[3];
+        struct world_hit hit;
+        square_point(shift, point->stream * (uint64_t)lighting->rays + (uint64_t)k, u);
+        struct vec3 direction = vec3_by_cosine(point->normal, u);
+        if (!world_look(lighting->world, point->position, point->normal, direction, &hit) ||
+            !reflector_shines(&lighting->reflectors[hit.object], &hit, direction, radiosity)) {
+            continue;
+        }
+        double entering = share * (point->index != 1 ? transmitted(point, direction) : 1);
+        work->transmittances += point->index != 1;
+        for (int c = 0; c < 3; c++) {
+            out[c] += radiosity[c] * entering;
+        }
+    }
+    work->bounce_rays += (uint64_t)lighting->rays;
+}
+
+void light_work_add(struct light_work *sum, const struct light_work *more)
+{
+    sum->shadow_rays += more->shadow_rays;
+    sum->slide_lookups += more->slide_lookups;
+    sum->sky_lookups += more->sky_lookups;
+    sum->bounce_rays += more->bounce_rays;
+    sum->photons += more->photons;
+    sum->transmittances += more->transmittances;
 }

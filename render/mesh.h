@@ -29,6 +29,15 @@ int mesh_allocate(struct mesh *mesh, size_t vertices, size_t triangles, bool wit
                   struct nacre_error *error);
 void mesh_finish(struct mesh *mesh);
 
+/* Twice a triangle's area along its outer normal. */
+static inline struct vec3 mesh_triangle_cross(const struct mesh *mesh, size_t triangle)
+{
+    const uint32_t *corners = mesh->triangles[triangle];
+    struct vec3 a = vec3_from(mesh->positions[corners[0]]);
+    return vec3_cross(vec3_subtract(vec3_from(mesh->positions[corners[1]]), a),
+                      vec3_subtract(vec3_from(mesh->positions[corners[2]]), a));
+}
+
 /* Load any file that Assimp reads: all its meshes as one, in the file's own unit, texture coordinates as they stand. */
 int mesh_load(const char *path, struct mesh *mesh, struct nacre_error *error);
 

@@ -1,10 +1,11 @@
 /* Refining plain meshes for the camera and lighting their vertices. */
 #include "render/plain.h"
 
-#include "render/irradiance.h"
+#include "render/effects.h"
 
 enum {
-    RAYS = 144, /* to an area light: the steps of a penumbra vanish between them */
+    RAYS = 144,         /* to a soft light: the steps of a penumbra vanish between them */
+    SURFACE_RAYS = 256, /* to other surfaces: of which any may be small */
     FIRST_SPLITS =
         48, /* over the largest extent, so that no visible middle hides between unseen edges */
     VERTICES_A_STEP = 4096,
@@ -17,16 +18,6 @@ struct view {
     double pixel;      /* angle, radians */
     double cos_corner; /* of the angle to the picture's corner, with a margin */
 };
-
-bool plain_wanted(const struct scene *scene)
-{
-    for (size_t i = 0; i < scene->light_count; i++) {
-        if (scene->lights[i].kind == LIGHT_AREA) {
-            return true;
-        }
-    }
-    return false;
-}
 
 static double allowed_in_view(const void *context, struct vec3 a, struct vec3 b)
 {
@@ -64,9 +55,38 @@ int plain_refine(struct mesh *mesh, const struct scene *scene, size_t limit,
     return mesh_subdivide(mesh, allowed_in_view, &view, limit, &limited, error);
 }
 
-int plain_light(const struct mesh *mesh, const struct world *world, const struct light *lights,
-                size_t light_count, uint64_t seed, struct progress *progress,
-                float (*irradiance)[3], struct nacre_error *error)
+static void light_vertex(const struct lighting *lighting, enum plain_light which,
+                         const struct lit_point *point, double sum[3], struct light_work *work)
+{
+    struct lighting single = *lighting;
+    sum[0] = sum[1] = sum[2] = 0;
+    if (which == PLAIN_SURFACES) {
+        single.rays = SURFACE_RAYS;
+        irradiance_from_surfaces(&single, point, sum, work);
+        return;
+    }
+    for (size_t l = 0; l < lighting->light_count; l++) {
+        const struct light *light = &lighting->lights[l];
+        double one[3] = {0};
+        single.rays = RAYS;
+        single.seed = lighting->seed + l;
+        if (light->soft && which == PLAIN_SOFT) {
+            irradiance_penumbra(&single, light, point, one, work);
+        } else if (!light->soft && which == PLAIN_HARD) {
+            single.lights = light;
+            single.light_count = 1;
+            single.reflectors = NULL;
+            irradiance_at(&single, point, one, work);
+        }
+        for (int c = 0; c < 3; c++) {
+            sum[c] += one[c];
+        }
+    }
+}
+
+int plain_light(const struct mesh *mesh, const struct lighting *lighting, enum plain_light which,
+                struct progress *progress, float (*irradiance)[3], struct light_work *work,
+                struct nacre_error *error)
 {
     for (size_t begin = 0; begin < mesh->vertex_count; begin += VERTICES_A_STEP) {
         size_t left = mesh->vertex_count - begin;
@@ -76,20 +96,19 @@ int plain_light(const struct mesh *mesh, const struct world *world, const struct
         if (stopped != NACRE_OK) {
             return stopped;
         }
-#pragma omp parallel for schedule(dynamic, 64)
-        for (size_t i = begin; i < end; i++) {
-            double sum[3] = {0};
-            for (size_t l = 0; l < light_count; l++) {
-                double one[3] = {0};
-                if (lights[l].kind == LIGHT_AREA) {
-                    (void)irradiance_penumbra(world, &lights[l], vec3_from(mesh->positions[i]),
-                                              vec3_from(mesh->normals[i]), RAYS, seed + l, i, one);
-                }
-                for (int c = 0; c < 3; c++) {
-                    sum[c] += one[c];
-                }
+#pragma omp parallel
+        {
+            struct light_work own = {0};
+#pragma omp for schedule(dynamic, 64)
+            for (size_t i = begin; i < end; i++) {
+                const struct lit_point point = {vec3_from(mesh->positions[i]),
+                                                vec3_from(mesh->normals[i]), 1, i};
+                double sum[3];
+                light_vertex(lighting, which, &point, sum, &own);
+                vec3_store(vec3_from_doubles(sum), irradiance[i]);
             }
-            vec3_store(vec3_from_doubles(sum), irradiance[i]);
+#pragma omp critical(plain_work)
+            light_work_add(work, &own);
         }
     }
     return NACRE_OK;

@@ -1,24 +1,27 @@
-/* Plain objects under area lights: POV-Ray draws their soft shadows slowly and in steps, so they are calculated here, at
- * vertices that lie a few pixels apart in the picture. */
+/* Plain objects under soft light: POV-Ray draws soft shadows slowly and in steps, and knows no environment, so this is
+ * calculated here, at vertices that lie a few pixels apart in the picture. So is what falls on them from others. */
 #ifndef RENDER_PLAIN_H
 #define RENDER_PLAIN_H
 
 #include "base/progress.h"
-#include "render/lights.h"
+#include "render/irradiance.h"
 #include "render/mesh.h"
 #include "render/scene.h"
-#include "render/world.h"
-
-/* Whether the scene has an area light. */
-bool plain_wanted(const struct scene *scene);
 
 /* Split edges that the camera would see longer than a few pixels. */
 int plain_refine(struct mesh *mesh, const struct scene *scene, size_t limit,
                  struct nacre_error *error);
 
-/* irradiance[vertex][3] of the area lights alone. */
-int plain_light(const struct mesh *mesh, const struct world *world, const struct light *lights,
-                size_t light_count, uint64_t seed, struct progress *progress,
-                float (*irradiance)[3], struct nacre_error *error);
+/* Which light. */
+enum plain_light {
+    PLAIN_SOFT, /* of soft lights */
+    PLAIN_HARD, /* of the others, which POV-Ray draws, to be passed on to other surfaces */
+    PLAIN_SURFACES,
+};
+
+/* irradiance[vertex][3]; lighting->rays does not count here. Adds to *work. */
+int plain_light(const struct mesh *mesh, const struct lighting *lighting, enum plain_light which,
+                struct progress *progress, float (*irradiance)[3], struct light_work *work,
+                struct nacre_error *error);
 
 #endif

@@ -1,7 +1,9 @@
 /* Writing POV-Ray 3.7 scenes. */
 #include "render/pov.h"
 
+#include "render/fresnel.h"
 #include "render/output_file.h"
+#include "render/pov_sky.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -46,29 +48,11 @@ static void put_camera(FILE *file, const struct scene *scene)
     (void)fprintf(file, "\n}\n\n");
 }
 
-/* An opaque case round a projector with the slide as its only opening: light would go round a slide alone. */
-static void put_slide(FILE *file, const struct light *light, size_t number)
+/* An opaque case of half side l round a projector with a window of 2 w by 2 h at distance s: light would go round a slide
+ * alone. */
+static void put_case(FILE *file, const struct light *light, double l, double s, double w, double h)
 {
-    double s = light->distance_mm * 0.02, w = light->tan_x * s, h = light->tan_y * s;
-    double l = 1.2 * fmax(s, fmax(w, h));
-    struct vec3 corner =
-        vec3_along(vec3_along(vec3_along(light->position, s, light->forward), -w, light->right), -h,
-                   light->up);
-    (void)fprintf(
-        file,
-        "polygon {\n  5, <0, 0>, <1, 0>, <1, 1>, <0, 1>, <0, 0>\n"
-        "  pigment { image_map { exr \"slide-%zu.exr\" once interpolate 2 filter all 1 } }\n"
-        "  finish { ambient 0 diffuse 0 }\n  matrix ",
-        number);
-    struct vec3 columns[4] = {vec3_scale(light->right, 2 * w), vec3_scale(light->up, 2 * h),
-                              light->forward, corner};
-    (void)fprintf(file, "<");
-    for (int k = 0; k < 4; k++) {
-        (void)fprintf(file, "%s%.7g, %.7g, %.7g", k ? ", " : "", columns[k].x, columns[k].y,
-                      columns[k].z);
-    }
     (void)fprintf(file,
-                  ">\n  no_image no_reflection\n}\n"
                   "union {\n  difference {\n    box { <%.7g, %.7g, %.7g>, <%.7g, %.7g, %.7g> }\n"
                   "    box { <%.7g, %.7g, %.7g>, <%.7g, %.7g, %.7g> }\n  }\n",
                   -l, -l, -s, l, l, s, -0.97 * l, -0.97 * l, -0.97 * s, 0.97 * l, 0.97 * l,
@@ -87,6 +71,34 @@ static void put_slide(FILE *file, const struct light *light, size_t number)
     (void)fprintf(file, ">\n  no_image no_reflection\n}\n\n");
 }
 
+/* A projector's slide in its case. */
+static void put_slide(FILE *file, const struct light *light, size_t number)
+{
+    double s = light->distance_mm * 0.02, w = light->tan_x * s, h = light->tan_y * s;
+    double l = 1.2 * fmax(s, fmax(w, h));
+    struct vec3 corner =
+        vec3_along(vec3_along(vec3_along(light->position, s, light->forward), -w, light->right), -h,
+                   light->up);
+    if (!light->slide.rgb) { /* an open window */
+        put_case(file, light, l, s, w, h);
+        return;
+    }
+    (void)fprintf(
+        file,
+        "polygon {\n  5, <0, 0>, <1, 0>, <1, 1>, <0, 1>, <0, 0>\n"
+        "  pigment { image_map { exr \"slide-%zu.exr\" once interpolate 2 filter all 1 } }\n"
+        "  finish { ambient 0 diffuse 0 }\n  matrix ",
+        number);
+    struct vec3 columns[4] = {vec3_scale(light->right, 2 * w), vec3_scale(light->up, 2 * h),
+                              light->forward, corner};
+    (void)fprintf(file, "<");
+    for (int k = 0; k < 4; k++) {
+        (void)fprintf(file, "%s%.7g, %.7g, %.7g", k ? ", " : "", columns[k].x, columns[k].y,
+                      columns[k].z);
+    }
+    (void)fprintf(file, ">\n  no_image no_reflection\n}\n");
+    put_case(file, light, l, s, w, h);
+}
 /* `soft`: an area light as POV-Ray's own; else from its middle, which does for highlights. */
 static void put_light(FILE *file, const struct light *light, double exposure, size_t number,
                       bool soft)
@@ -126,15 +138,15 @@ static void put_light(FILE *file, const struct light *light, double exposure, si
     }
 }
 
-/* All objects and lights. Where area lights were calculated beforehand, they shine on translucent objects alone, to
+/* All objects and lights. Where soft lights were calculated beforehand, they shine on translucent objects alone, to
  * make highlights. */
 static void put_everything(FILE *file, const struct scene *scene, const struct light *lights,
                            const struct pov_object *objects)
 {
     bool area = false;
     for (size_t i = 0; i < scene->light_count; i++) {
-        area = area || lights[i].kind == LIGHT_AREA;
-        if (lights[i].kind != LIGHT_AREA) {
+        area = area || lights[i].soft;
+        if (!lights[i].soft) {
             put_light(file, &lights[i], scene->image.exposure, i, false);
         }
     }
@@ -144,7 +156,7 @@ static void put_everything(FILE *file, const struct scene *scene, const struct l
     for (int own = 1; area && own >= 0; own--) {
         (void)fprintf(file, own ? "\n#if (" POV_BAKED ")\nlight_group {\n" : "#else\n");
         for (size_t i = 0; i < scene->light_count; i++) {
-            if (lights[i].kind == LIGHT_AREA) {
+            if (lights[i].soft) {
                 put_light(file, &lights[i], scene->image.exposure, i, !own);
             }
         }
@@ -172,44 +184,78 @@ static void put_triples(FILE *file, const char *name, const float (*values)[3], 
     (void)fprintf(file, "\n  }\n");
 }
 
+/* What of the light that leaves a vertex the camera gets: by the angle, where the surface has an index. */
+static double leaving(const struct pov_object *object, const struct scene *scene, size_t vertex)
+{
+    struct vec3 place = vec3_from(object->mesh->positions[vertex]);
+    struct vec3 eye = vec3_from_doubles(scene->camera.position_mm);
+    struct vec3 normal = vec3_from(object->mesh->normals[vertex]);
+    return fresnel_transmitted(object->settings->index,
+                               vec3_dot(vec3_unit(vec3_subtract(eye, place)), normal));
+}
+
 /* One texture a vertex. POV-Ray adds emission and diffuse light, both times the pigment. */
 static void put_textures(FILE *file, const struct pov_object *object, size_t number,
-                         double exposure)
+                         const struct scene *scene)
 {
     size_t count = object->mesh->vertex_count;
     (void)fprintf(file, "  texture_list {\n    %zu", count);
     for (size_t i = 0; i < count; i++) {
-        const float *light = object->radiosity ? object->radiosity[i] : object->irradiance[i];
-        double colour[3] = {light[0] * exposure, light[1] * exposure, light[2] * exposure};
+        double factor = scene->image.exposure;
         if (object->radiosity) {
+            const float *light = object->radiosity[i];
+            factor *= object->fresnel ? leaving(object, scene, i) : 1;
             (void)fprintf(
                 file, ",\n    texture { pigment { rgb <%.6g, %.6g, %.6g> } finish { finish_%zu } }",
-                colour[0], colour[1], colour[2], number);
-        } else {
-            (void)fprintf(
-                file,
-                ",\n    texture { pigment { pigment_%zu } finish { finish_%zu emission " POV_BAKED
-                "*<%.6g, %.6g, %.6g> } }",
-                number, number, colour[0], colour[1], colour[2]);
+                light[0] * factor, light[1] * factor, light[2] * factor, number);
+            continue;
         }
+        const float *all = object->irradiance[i], *soft = object->soft[i];
+        (void)fprintf(
+            file,
+            ",\n    texture { pigment { pigment_%zu } finish { finish_%zu emission " POV_BAKED
+            "*<%.6g, %.6g, %.6g>",
+            number, number, soft[0] * factor, soft[1] * factor, soft[2] * factor);
+        if (all[0] > soft[0] || all[1] > soft[1] || all[2] > soft[2]) {
+            (void)fprintf(file, " + <%.6g, %.6g, %.6g>", (all[0] - soft[0]) * factor,
+                          (all[1] - soft[1]) * factor, (all[2] - soft[2]) * factor);
+        }
+        (void)fprintf(file, " } }");
     }
     (void)fprintf(file, "\n  }\n");
 }
 
-static void put_object(FILE *file, const struct pov_object *object, size_t number, double exposure)
+/* The mirror image of the surroundings. */
+static void put_reflection(FILE *file, const struct pov_object *object)
+{
+    double strength = object->settings->gloss.reflection;
+    if (object->reflection && object->settings->index > 1) {
+        (void)fprintf(file, "  reflection { 0, %.6g fresnel on }\n", strength);
+    } else if (object->reflection) {
+        (void)fprintf(file, "  reflection { %.6g }\n", strength);
+    }
+}
+
+static void put_object(FILE *file, const struct pov_object *object, size_t number,
+                       const struct scene *scene)
 {
     const struct mesh *mesh = object->mesh;
     const struct scene_gloss *gloss = &object->settings->gloss;
     bool textured = object->radiosity || object->irradiance;
     (void)fprintf(file, "// Object %zu%s.\n", number,
                   object->radiosity    ? ": the light that leaves each vertex is its emission"
-                  : object->irradiance ? ": the area lights on each vertex are its emission"
+                  : object->irradiance ? ": the light that was calculated is its emission"
                                        : "");
     (void)fprintf(file,
                   "#declare finish_%zu = finish {\n"
-                  "  ambient 0 diffuse %d emission %d specular %.6g roughness %.6g\n}\n",
-                  number, object->radiosity ? 0 : 1, object->radiosity ? 1 : 0, gloss->specular,
-                  gloss->roughness);
+                  "  ambient 0 diffuse %d emission %d",
+                  number, object->radiosity ? 0 : 1, object->radiosity ? 1 : 0);
+    if (object->highlights) {
+        (void)fprintf(file, " specular %.6g roughness %.6g", gloss->specular, gloss->roughness);
+    }
+    (void)fprintf(file, "\n");
+    put_reflection(file, object);
+    (void)fprintf(file, "}\n");
     if (!object->radiosity) {
         (void)fprintf(file, "#declare pigment_%zu = pigment { ", number);
         put_colour(file, object->settings->color, 1);
@@ -219,7 +265,7 @@ static void put_object(FILE *file, const struct pov_object *object, size_t numbe
     put_triples(file, "vertex_vectors", (const float(*)[3])mesh->positions, mesh->vertex_count);
     put_triples(file, "normal_vectors", (const float(*)[3])mesh->normals, mesh->vertex_count);
     if (textured) {
-        put_textures(file, object, number, exposure);
+        put_textures(file, object, number, scene);
     }
     (void)fprintf(file, "  face_indices {\n    %zu", mesh->triangle_count);
     for (size_t i = 0; i < mesh->triangle_count; i++) {
@@ -233,22 +279,26 @@ static void put_object(FILE *file, const struct pov_object *object, size_t numbe
     if (!textured) {
         (void)fprintf(file, "  pigment { pigment_%zu }\n  finish { finish_%zu }\n", number, number);
     }
+    if (object->reflection && object->settings->index > 1) {
+        (void)fprintf(file, "  interior { ior %.6g }\n", object->settings->index);
+    }
     (void)fprintf(file, "}\n");
 }
 
 static int write_object(const char *folder, const struct pov_object *object, size_t number,
-                        double exposure, struct nacre_error *error)
+                        const struct scene *scene, struct nacre_error *error)
 {
     struct output_file output;
     int status = output_file_open(&output, part_path(folder, "object", number, "inc"), error);
     if (status == NACRE_OK) {
-        put_object(output.file, object, number, exposure);
+        put_object(output.file, object, number, scene);
     }
     return output_file_close(&output, status, error);
 }
 
 static int write_main(const char *folder, const struct scene *scene, const struct light *lights,
-                      const struct pov_object *objects, struct nacre_error *error)
+                      const struct environment *environment, const struct pov_object *objects,
+                      struct nacre_error *error)
 {
     struct output_file output;
     int status = output_file_open(&output, main_path(folder), error);
@@ -260,10 +310,9 @@ static int write_main(const char *folder, const struct scene *scene, const struc
                       "#version 3.7;\nglobal_settings { assumed_gamma 1.0 }\n\n"
                       "// At 0 POV-Ray traces area lights on plain objects itself: slower, in "
                       "coarser steps.\n"
-                      "#ifndef (" POV_BAKED ")\n#declare " POV_BAKED " = 1;\n#end\n\nbackground { ",
+                      "#ifndef (" POV_BAKED ")\n#declare " POV_BAKED " = 1;\n#end\n\n",
                       scene->image.width, scene->image.height);
-        put_colour(file, scene->image.background, 1);
-        (void)fprintf(file, " }\n\n");
+        pov_sky_put(file, scene, environment);
         put_camera(file, scene);
         put_everything(file, scene, lights, objects);
     }
@@ -271,19 +320,23 @@ static int write_main(const char *folder, const struct scene *scene, const struc
 }
 
 int pov_write(const char *folder, const struct scene *scene, const struct light *lights,
-              const struct pov_object *objects, struct nacre_error *error)
+              const struct environment *environment, const struct pov_object *objects,
+              struct nacre_error *error)
 {
-    int status = write_main(folder, scene, lights, objects, error);
+    int status = write_main(folder, scene, lights, environment, objects, error);
     for (size_t i = 0; status == NACRE_OK && i < scene->object_count; i++) {
-        status = write_object(folder, &objects[i], i, scene->image.exposure, error);
+        status = write_object(folder, &objects[i], i, scene, error);
     }
     for (size_t i = 0; status == NACRE_OK && i < scene->light_count; i++) {
-        if (lights[i].kind == LIGHT_PROJECTOR) {
+        if (lights[i].slide.rgb) {
             char *path = part_path(folder, "slide", i, "exr");
             status = path ? picture_write(path, &lights[i].slide, NULL, error)
                           : nacre_fail_memory(error, "the name of a POV-Ray file");
             free(path);
         }
+    }
+    if (status == NACRE_OK && environment && environment->picture.rgb) {
+        status = pov_sky_write(folder, environment, scene->image.exposure, error);
     }
     return status;
 }

@@ -7,6 +7,7 @@
 #include "render/mesh.h"
 #include "render/scene.h"
 
+#include <stdbool.h>
 #include <stddef.h>
 
 /* Name of the main file in the folder. */
@@ -15,17 +16,21 @@
 struct pov_object {
     const struct mesh *mesh;
     const struct scene_object *settings;
-    const float (*radiosity)[3]; /* per vertex: pi times radiance; NULL: a plain object */
-    const float (
-        *irradiance)[3]; /* plain: of the area lights, per vertex; NULL: all light is POV-Ray's */
+    bool fresnel, highlights, reflection; /* effects that the object has */
+    const float (*radiosity)[3];          /* per vertex: pi times radiance; NULL: a plain object */
+    /* Plain: irradiance per vertex that POV-Ray does not find, and the part of it that is of soft lights, which it can
+     * find; NULL: all light is POV-Ray's. */
+    const float (*irradiance)[3], (*soft)[3];
 };
 
-/* Name of the variable that, at 0, leaves the area lights on plain objects to POV-Ray: `povray Declare=baked=0`. */
+/* Name of the variable that, at 0, leaves the soft lights on plain objects to POV-Ray: `povray Declare=baked=0`. */
 #define POV_BAKED "baked"
 
-/* Write scene.pov, an include file for each object and an EXR for each projected picture into an existing folder.
+/* Write scene.pov, an include file for each object and an EXR for each projected picture and the environment's into an
+ * existing folder. `lights` are those of the scene, and then, if `environment` is not NULL, so is that.
  * Pixel values of what POV-Ray makes of them, with assumed_gamma 1, are the picture's (see scene.h). */
 int pov_write(const char *folder, const struct scene *scene, const struct light *lights,
-              const struct pov_object *objects, struct nacre_error *error);
+              const struct environment *environment, const struct pov_object *objects,
+              struct nacre_error *error);
 
 #endif

@@ -3,6 +3,7 @@
 
 #include "base/clock.h"
 #include "render/pov.h"
+#include "render/pov_sky.h"
 #include "render/povray.h"
 #include "render/stage.h"
 
@@ -64,7 +65,7 @@ static int make_folder(struct work *work, const char **folder, struct nacre_erro
 /* Remove the files that were written there, and the folder. What cannot be removed is left. */
 static void remove_temporary(const struct work *work)
 {
-    const char *const fixed[] = {POV_MAIN, "povray.log", "picture.exr"};
+    const char *const fixed[] = {POV_MAIN, "povray.log", "picture.exr", POV_SKY};
     char path[4096];
     for (size_t i = 0; i < sizeof fixed / sizeof *fixed; i++) {
         (void)snprintf(path, sizeof path, "%s/%s", work->temporary, fixed[i]);
@@ -90,12 +91,23 @@ static int export_scene(const struct work *work, const char *folder, struct nacr
     }
     for (size_t i = 0; i < scene->object_count; i++) {
         const struct stage_object *object = &work->stage.objects[i];
+        const struct render_effects *effects = &work->stage.effects;
         const float(*light)[3] = (const float(*)[3])object->light;
-        exported[i] = (struct pov_object){&object->mesh, &scene->objects[i],
-                                          object->translucent ? light : NULL,
-                                          object->translucent ? NULL : light};
+        exported[i] = (struct pov_object){
+            .mesh = &object->mesh,
+            .settings = &scene->objects[i],
+            .fresnel = effects->objects[i].fresnel && render_has(effects, RENDER_FRESNEL),
+            .highlights = effects->objects[i].highlights && render_has(effects, RENDER_HIGHLIGHTS),
+            .reflection = effects->objects[i].reflection && render_has(effects, RENDER_REFLECTION),
+            .radiosity = object->translucent ? light : NULL,
+            .irradiance = object->translucent ? NULL : light,
+            .soft = (const float(*)[3])object->soft};
     }
-    int status = pov_write(folder, scene, work->stage.lights, exported, error);
+    const struct environment *environment =
+        work->stage.light_count > scene->light_count
+            ? &work->stage.lights[scene->light_count].environment
+            : NULL;
+    int status = pov_write(folder, scene, work->stage.lights, environment, exported, error);
     free(exported);
     return status;
 }

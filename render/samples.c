@@ -1,7 +1,8 @@
 /* Stratified surface samples with shadow rays, and photons. */
 #include "render/samples.h"
 
-#include "render/irradiance.h"
+#include "render/effects.h"
+#include "render/fresnel.h"
 #include "render/random.h"
 
 #include <stdlib.h>
@@ -18,13 +19,6 @@ void samples_finish(struct light_samples *samples)
 static struct vec3 corner(const struct mesh *mesh, size_t triangle, int k)
 {
     return vec3_from(mesh->positions[mesh->triangles[triangle][k]]);
-}
-
-static struct vec3 triangle_cross(const struct mesh *mesh, size_t triangle)
-{
-    struct vec3 a = corner(mesh, triangle, 0);
-    return vec3_cross(vec3_subtract(corner(mesh, triangle, 1), a),
-                      vec3_subtract(corner(mesh, triangle, 2), a));
 }
 
 /* Fill in where a sample lies. */
@@ -63,27 +57,24 @@ static void triangle_point(uint64_t seed, size_t triangle, size_t k, double *b1,
     *b2 = v;
 }
 
-static uint64_t fill_triangle(const struct lit_surface *surface, const struct world *world,
-                              const struct light *lights, size_t light_count, size_t triangle,
-                              int rays, uint64_t seed, struct light_sample *list, size_t first,
-                              size_t end)
+static void fill_triangle(const struct lit_surface *surface, const struct lighting *lighting,
+                          size_t triangle, struct light_sample *list, size_t first, size_t end,
+                          struct light_work *work)
 {
-    struct vec3 cross = triangle_cross(surface->mesh, triangle);
+    struct vec3 cross = mesh_triangle_cross(surface->mesh, triangle);
     struct vec3 normal = vec3_unit(cross);
     double area = vec3_length(cross) / 2 / (double)(end - first);
-    uint64_t cast = 0;
     for (size_t k = first; k < end; k++) {
         double b1, b2, light[3];
-        triangle_point(seed, triangle, k - first, &b1, &b2);
+        triangle_point(lighting->seed, triangle, k - first, &b1, &b2);
         place(&list[k], surface, triangle, normal, b1, b2);
-        cast += irradiance_at(world, lights, light_count, vec3_from(list[k].position), normal, rays,
-                              seed ^ UINT64_C(0x5bd1e995), k, light);
+        const struct lit_point point = {vec3_from(list[k].position), normal, surface->index, k};
+        irradiance_at(lighting, &point, light, work);
         list[k].area_mm2 = (float)area;
         for (int c = 0; c < 3; c++) {
             list[k].flux[c] = (float)(light[c] * area);
         }
     }
-    return cast;
 }
 
 /* Where each triangle's samples begin; the last entry is their number. */
@@ -91,16 +82,15 @@ static size_t *sample_starts(const struct mesh *mesh, double density)
 {
     size_t *starts = calloc(mesh->triangle_count + 1, sizeof *starts);
     for (size_t i = 0; starts && i < mesh->triangle_count; i++) {
-        double count = round(vec3_length(triangle_cross(mesh, i)) / 2 * density);
+        double count = round(vec3_length(mesh_triangle_cross(mesh, i)) / 2 * density);
         count = fmin(fmax(count, 1), SAMPLES_MAXIMUM);
         starts[i + 1] = starts[i] + (size_t)count;
     }
     return starts;
 }
 
-int samples_spread(const struct lit_surface *surface, const struct world *world,
-                   const struct light *lights, size_t light_count, double density, int rays,
-                   uint64_t seed, struct progress *progress, struct light_samples *samples,
+int samples_spread(const struct lit_surface *surface, const struct lighting *lighting,
+                   double density, struct progress *progress, struct light_samples *samples,
                    struct nacre_error *error)
 {
     int status = NACRE_FAILED;
@@ -126,17 +116,22 @@ int samples_spread(const struct lit_surface *surface, const struct world *world,
     }
     for (size_t begin = 0; begin < triangles; begin += TRIANGLES_A_STEP) {
         size_t end = begin + TRIANGLES_A_STEP < triangles ? begin + TRIANGLES_A_STEP : triangles;
-        uint64_t cast = 0;
+        struct light_work work = {0};
         status = progress_step(progress, (double)begin, (double)triangles, NULL, error);
         if (status != NACRE_OK) {
             goto out;
         }
-#pragma omp parallel for schedule(dynamic, 64) reduction(+ : cast)
-        for (size_t i = begin; i < end; i++) {
-            cast += fill_triangle(surface, world, lights, light_count, i, rays, seed, samples->list,
-                                  starts[i], starts[i + 1]);
+#pragma omp parallel
+        {
+            struct light_work own = {0};
+#pragma omp for schedule(dynamic, 64)
+            for (size_t i = begin; i < end; i++) {
+                fill_triangle(surface, lighting, i, samples->list, starts[i], starts[i + 1], &own);
+            }
+#pragma omp critical(samples_work)
+            light_work_add(&work, &own);
         }
-        samples->rays += cast;
+        light_work_add(&samples->work, &work);
     }
     status = NACRE_OK;
 out:
@@ -147,74 +142,158 @@ out:
     return status;
 }
 
-/* Follow one photon. Returns whether it ended on the surface from its outer side. */
-static bool shoot(const struct lit_surface *surface, const struct world *world,
-                  const struct light *light, struct vec3 centre, double radius, double share,
-                  uint64_t seed, uint64_t number, struct light_sample *sample)
+/* Photons of one light, as many as `each` would be of all of it. */
+struct shot {
+    const struct lit_surface *surface;
+    const struct lighting *lighting;
+    struct vec3 centre; /* of the sphere that they are sent towards */
+    double radius_mm;
+    size_t each;
+};
+
+/* Keep a photon where it met the surface. */
+static void keep(const struct shot *shot, const struct photon *photon, const struct world_hit *hit,
+                 struct vec3 normal, struct light_sample *sample, struct light_work *work)
 {
-    double u[4];
-    struct world_hit hit;
-    for (unsigned k = 0; k < 4; k++) {
-        u[k] = random_uniform(seed, number, k);
-    }
-    struct photon photon = light_emit(light, centre, radius, u);
-    if (photon.flux[0] + photon.flux[1] + photon.flux[2] <= 0 ||
-        !world_trace(world, photon.origin, photon.direction, &hit) ||
-        hit.object != surface->object) {
-        return false;
-    }
-    struct vec3 normal = vec3_unit(triangle_cross(surface->mesh, hit.triangle));
-    if (vec3_dot(normal, photon.direction) >= 0) {
-        return false;
+    const struct lit_surface *surface = shot->surface;
+    double share = 1.0 / (double)shot->each;
+    if (RENDER_EFFECTS_BUILT(RENDER_FRESNEL) && surface->index != 1) {
+        share *= fresnel_transmitted(surface->index, -vec3_dot(photon->direction, normal));
+        work->transmittances++;
     }
     *sample = (struct light_sample){0};
-    place(sample, surface, hit.triangle, normal, hit.b1, hit.b2);
+    place(sample, surface, hit->triangle, normal, hit->b1, hit->b2);
     for (int c = 0; c < 3; c++) {
-        sample->flux[c] = (float)(photon.flux[c] * share);
+        sample->flux[c] = (float)(photon->flux[c] * share);
     }
-    return true;
 }
 
-int samples_shoot(const struct lit_surface *surface, const struct world *world,
-                  const struct light *lights, size_t light_count, size_t count, uint64_t seed,
+/* Send the photon on from where it met a surface, by u[2]. Returns whether something is left of it. */
+static bool pass_on(const struct lighting *lighting, const struct world_hit *hit,
+                    struct vec3 normal, const double u[2], struct photon *photon)
+{
+    const struct reflector *reflector = &lighting->reflectors[hit->object];
+    struct vec3 place = world_place(reflector->mesh, hit);
+    double reflectance[3];
+    reflector_reflectance(reflector, hit, reflectance);
+    photon->direction = vec3_by_cosine(normal, u);
+    photon->origin = place;
+    for (int c = 0; c < 3; c++) {
+        photon->flux[c] *= reflectance[c];
+    }
+    return photon->flux[0] + photon->flux[1] + photon->flux[2] > 0;
+}
+
+/* Follow one photon. Returns how often it was kept, up to bounces + 1 times. */
+static int shoot(const struct shot *shot, const struct light *light, uint64_t number,
+                 struct light_sample *list, struct light_work *work)
+{
+    const struct lighting *lighting = shot->lighting;
+    const struct reflector *reflectors = lighting->reflectors;
+    double u[4];
+    int kept = 0;
+    struct world_hit hit;
+    for (unsigned k = 0; k < 4; k++) {
+        u[k] = random_uniform(lighting->seed, number, k);
+    }
+    struct photon photon = light_emit(light, shot->centre, shot->radius_mm, u);
+    work->photons++;
+    if (photon.flux[0] + photon.flux[1] + photon.flux[2] <= 0 ||
+        !world_trace(lighting->world, photon.origin, photon.direction, &hit)) {
+        return 0;
+    }
+    for (unsigned bounce = 0;; bounce++) {
+        bool ours = hit.object == shot->surface->object;
+        if (!ours && !(RENDER_EFFECTS_BUILT(RENDER_BOUNCES) && reflectors)) {
+            return kept;
+        }
+        const struct mesh *mesh = ours ? shot->surface->mesh : reflectors[hit.object].mesh;
+        struct vec3 normal = vec3_unit(mesh_triangle_cross(mesh, hit.triangle));
+        if (vec3_dot(normal, photon.direction) >= 0) {
+            return kept; /* the inner side is dark */
+        }
+        if (ours) {
+            keep(shot, &photon, &hit, normal, &list[kept++], work);
+        }
+        if (!(RENDER_EFFECTS_BUILT(RENDER_BOUNCES) && reflectors) ||
+            bounce == (unsigned)lighting->bounces) {
+            return kept;
+        }
+        u[0] = random_uniform(lighting->seed, number, 4 + 2 * bounce);
+        u[1] = random_uniform(lighting->seed, number, 5 + 2 * bounce);
+        if (!pass_on(lighting, &hit, normal, u, &photon)) {
+            return kept;
+        }
+        work->bounce_rays++;
+        if (!world_look(lighting->world, photon.origin, normal, photon.direction, &hit)) {
+            return kept;
+        }
+    }
+}
+
+/* Photons begin to begin + step - 1 into the slots of each, then close the gaps after those that are there already. */
+static int shoot_some(const struct shot *shot, size_t begin, size_t step, size_t slots,
+                      struct light_sample *landed, int *counts, struct light_samples *samples,
+                      struct nacre_error *error)
+{
+    size_t kept = 0;
+#pragma omp parallel
+    {
+        struct light_work own = {0};
+#pragma omp for schedule(dynamic, 1024)
+        for (size_t i = 0; i < step; i++) {
+            const struct light *light = &shot->lighting->lights[(begin + i) / shot->each];
+            counts[i] = shoot(shot, light, begin + i, landed + i * slots, &own);
+        }
+#pragma omp critical(samples_work)
+        light_work_add(&samples->work, &own);
+    }
+    for (size_t i = 0; i < step; i++) {
+        kept += (size_t)counts[i];
+    }
+    struct light_sample *list =
+        realloc(samples->list, (samples->count + kept + 1) * sizeof *samples->list);
+    if (!list) {
+        return nacre_fail_memory(error, "the photons");
+    }
+    samples->list = list;
+    for (size_t i = 0; i < step; i++) {
+        memcpy(list + samples->count, landed + i * slots, (size_t)counts[i] * sizeof *list);
+        samples->count += (size_t)counts[i];
+    }
+    return NACRE_OK;
+}
+
+int samples_shoot(const struct lit_surface *surface, const struct lighting *lighting, size_t count,
                   struct progress *progress, struct light_samples *samples,
                   struct nacre_error *error)
 {
-    int status = NACRE_FAILED;
-    struct vec3 centre;
-    double radius;
-    size_t each = light_count ? count / light_count : 0, kept = 0;
-    bool *landed = calloc(PHOTONS_A_STEP, sizeof *landed);
-    *samples = (struct light_samples){.rays = each * light_count};
-    samples->list = calloc(each * light_count + PHOTONS_A_STEP, sizeof *samples->list);
-    if (!landed || !samples->list) {
-        (void)nacre_fail_memory(error, "the photons");
-        goto out;
+    int status = NACRE_OK;
+    bool bounces = RENDER_EFFECTS_BUILT(RENDER_BOUNCES) && lighting->reflectors;
+    size_t each = lighting->light_count ? count / lighting->light_count : 0;
+    size_t all = each * lighting->light_count, slots = bounces ? (size_t)lighting->bounces + 1 : 1;
+    struct shot shot = {.surface = surface, .lighting = lighting, .each = each};
+    struct light_sample *landed = calloc(PHOTONS_A_STEP * slots, sizeof *landed);
+    int *counts = calloc(PHOTONS_A_STEP, sizeof *counts);
+    *samples = (struct light_samples){0};
+    samples->list = calloc(1, sizeof *samples->list);
+    if (!landed || !counts || !samples->list) {
+        status = nacre_fail_memory(error, "the photons");
     }
-    world_sphere(&surface->mesh, 1, &centre, &radius);
-    for (size_t begin = 0; begin < each * light_count; begin += PHOTONS_A_STEP) {
-        size_t left = each * light_count - begin;
-        size_t step = left < PHOTONS_A_STEP ? left : PHOTONS_A_STEP;
-        struct light_sample *list = samples->list + kept;
-        status = progress_step(progress, (double)begin, (double)(each * light_count), NULL, error);
-        if (status != NACRE_OK) {
-            goto out;
-        }
-#pragma omp parallel for schedule(dynamic, 1024)
-        for (size_t i = 0; i < step; i++) {
-            landed[i] = shoot(surface, world, &lights[(begin + i) / each], centre, radius,
-                              1.0 / (double)each, seed, begin + i, &list[i]);
-        }
-        for (size_t i = 0; i < step; i++) {
-            if (landed[i]) {
-                samples->list[kept++] = list[i];
-            }
+    if (bounces) { /* whatever they meet may pass them on to the surface */
+        world_bounds(lighting->world, &shot.centre, &shot.radius_mm);
+    } else {
+        world_sphere(&surface->mesh, 1, &shot.centre, &shot.radius_mm);
+    }
+    for (size_t begin = 0; status == NACRE_OK && begin < all; begin += PHOTONS_A_STEP) {
+        size_t step = all - begin < PHOTONS_A_STEP ? all - begin : PHOTONS_A_STEP;
+        status = progress_step(progress, (double)begin, (double)all, NULL, error);
+        if (status == NACRE_OK) {
+            status = shoot_some(&shot, begin, step, slots, landed, counts, samples, error);
         }
     }
-    samples->count = kept;
-    status = NACRE_OK;
-out:
     free(landed);
+    free(counts);
     if (status != NACRE_OK) {
         samples_finish(samples);
     }

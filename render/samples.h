@@ -3,7 +3,7 @@
 #define RENDER_SAMPLES_H
 
 #include "base/progress.h"
-#include "render/lights.h"
+#include "render/irradiance.h"
 #include "render/mapping.h"
 #include "render/mesh.h"
 #include "render/world.h"
@@ -23,7 +23,7 @@ struct light_sample {
 struct light_samples {
     size_t count;
     struct light_sample *list;
-    uint64_t rays;
+    struct light_work work;
 };
 
 /* What is lit: one translucent object among the scene's surfaces. */
@@ -31,19 +31,19 @@ struct lit_surface {
     const struct mesh *mesh;
     const struct mapping *mapping;
     size_t object; /* its number in the world */
+    double index;  /* of refraction, for light that enters; 1: for all light alike */
 };
 
-/* Points spread over the surface, `density` to the mm^2 and at least one in each triangle, each with `rays` shadow rays
- * to every area light and one to the others. Deterministic for a seed on any number of threads. */
-int samples_spread(const struct lit_surface *surface, const struct world *world,
-                   const struct light *lights, size_t light_count, double density, int rays,
-                   uint64_t seed, struct progress *progress, struct light_samples *samples,
+/* Points spread over the surface, `density` to the mm^2 and at least one in each triangle, each lit as irradiance_at
+ * does. Deterministic for a seed on any number of threads. */
+int samples_spread(const struct lit_surface *surface, const struct lighting *lighting,
+                   double density, struct progress *progress, struct light_samples *samples,
                    struct nacre_error *error);
 
-/* `count` photons, shared among the lights, that end where they first meet a surface; those that end on this one are
- * kept. Unbiased, and the reference for samples_spread. */
-int samples_shoot(const struct lit_surface *surface, const struct world *world,
-                  const struct light *lights, size_t light_count, size_t count, uint64_t seed,
+/* `count` photons, shared among the lights, each kept where it meets this surface: where it first meets any, and as
+ * often as it is passed on. Unbiased, and the reference for samples_spread. Where photons are passed on, they leave
+ * translucent surfaces where they met them. */
+int samples_shoot(const struct lit_surface *surface, const struct lighting *lighting, size_t count,
                   struct progress *progress, struct light_samples *samples,
                   struct nacre_error *error);
 

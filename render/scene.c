@@ -1,6 +1,7 @@
 /* Reading scene files. */
 #include "render/scene.h"
 
+#include "render/effects.h"
 #include "render/vector.h"
 
 #include <stdlib.h>
@@ -262,6 +263,7 @@ static const struct settings_field gloss_fields[] = {
      .offset = offsetof(struct scene_gloss, specular),
      .maximum = 100,
      .fallback = "0",
+     .line_offset = offsetof(struct scene_gloss, specular_line),
      .sentence = "strength of the highlight"},
     {.key = "roughness",
      .kind = SETTINGS_REAL,
@@ -270,6 +272,14 @@ static const struct settings_field gloss_fields[] = {
      .maximum = 1,
      .fallback = "0.02",
      .sentence = "width of the highlight, as POV-Ray takes it"},
+    {.key = "reflection",
+     .kind = SETTINGS_REAL,
+     .offset = offsetof(struct scene_gloss, reflection),
+     .maximum = 1,
+     .fallback = "0",
+     .line_offset = offsetof(struct scene_gloss, reflection_line),
+     .sentence = "strength of the surroundings' mirror image, times Fresnel's where there is an "
+                 "index"},
     {0}};
 
 static const struct settings_schema gloss_schema = {
@@ -325,6 +335,14 @@ static const struct settings_field object_fields[] = {
      .maximum = 1,
      .fallback = "0.5",
      .sentence = "diffuse reflectance of an object without a material"},
+    {.key = "index",
+     .kind = SETTINGS_REAL,
+     .offset = offsetof(struct scene_object, index),
+     .minimum = 1,
+     .maximum = 4,
+     .fallback = "1",
+     .line_offset = offsetof(struct scene_object, index_line),
+     .sentence = "of refraction: how light enters, leaves and is mirrored by its angle"},
     {.key = "material",
      .kind = SETTINGS_STRUCT,
      .offset = offsetof(struct scene_object, material),
@@ -343,6 +361,33 @@ static const struct settings_schema object_schema = {.what = "object",
                                                      .line_offset =
                                                          offsetof(struct scene_object, line)};
 
+static const struct settings_field environment_fields[] = {
+    {.key = "image",
+     .kind = SETTINGS_PATH,
+     .offset = offsetof(struct scene_environment, image),
+     .sentence = "equirectangular EXR or PNG file; without it all directions are alike"},
+    {.key = "color",
+     .kind = SETTINGS_REALS,
+     .offset = offsetof(struct scene_environment, color),
+     .count = 3,
+     .maximum = 1e6,
+     .fallback = "1",
+     .sentence = "its values, or what the image is multiplied with; 1 all around is irradiance 1"},
+    {.key = "rotation_deg",
+     .kind = SETTINGS_REAL,
+     .offset = offsetof(struct scene_environment, rotation_deg),
+     .minimum = -360,
+     .maximum = 360,
+     .fallback = "0",
+     .sentence = "about z; at 0 the image's middle lies along y"},
+    {0}};
+
+static const struct settings_schema environment_schema = {
+    .what = "environment",
+    .size = sizeof(struct scene_environment),
+    .fields = environment_fields,
+    .line_offset = offsetof(struct scene_environment, line)};
+
 static const struct settings_field scene_fields[] = {
     {.key = "image",
      .kind = SETTINGS_STRUCT,
@@ -355,6 +400,24 @@ static const struct settings_field scene_fields[] = {
      .schema = &camera_schema,
      .required = true,
      .sentence = "the view"},
+    {.key = "environment",
+     .kind = SETTINGS_STRUCT,
+     .offset = offsetof(struct scene, environment),
+     .schema = &environment_schema,
+     .sentence = "light from all around, which the picture shows behind everything"},
+    {.key = "bounces",
+     .kind = SETTINGS_INT,
+     .offset = offsetof(struct scene, bounces),
+     .maximum = 16,
+     .fallback = "0",
+     .line_offset = offsetof(struct scene, bounces_line),
+     .sentence = "how often light passes on from surface to surface"},
+    {.key = "without",
+     .kind = SETTINGS_STRINGS,
+     .offset = offsetof(struct scene, without),
+     .length_offset = offsetof(struct scene, without_count),
+     .line_offset = offsetof(struct scene, without_line),
+     .sentence = "effects that must not be rendered, by the names that --explain prints"},
     {.key = "lights",
      .kind = SETTINGS_LIST,
      .offset = offsetof(struct scene, lights),
@@ -405,9 +468,27 @@ static int check_light(const char *name, const struct scene_light *light, struct
     return NACRE_OK;
 }
 
+static int check_without(const char *name, const struct scene *scene, struct nacre_error *error)
+{
+    for (size_t i = 0; i < scene->without_count; i++) {
+        bool known = false;
+        for (int k = 0; k < RENDER_EFFECTS; k++) {
+            known = known || strcmp(scene->without[i], render_effect_names[k]) == 0;
+        }
+        if (!known) {
+            return nacre_fail(error,
+                              "%s:%d: without: there is no effect \"%s\"; `nacre render --explain` "
+                              "lists them",
+                              name, scene->without_line, scene->without[i]);
+        }
+    }
+    return NACRE_OK;
+}
+
 static int check(const char *name, const struct scene *scene, struct nacre_error *error)
 {
     const struct scene_camera *camera = &scene->camera;
+    const double *background = scene->image.background;
     struct vec3 view = vec3_unit(
         vec3_subtract(vec3_from_doubles(camera->at_mm), vec3_from_doubles(camera->position_mm)));
     struct vec3 up = vec3_unit(vec3_from_doubles(camera->up));
@@ -416,6 +497,16 @@ static int check(const char *name, const struct scene *scene, struct nacre_error
     }
     if (vec3_length(vec3_cross(view, up)) < 1e-4) {
         return nacre_fail(error, "%s: the camera looks along its own `up`; give another up", name);
+    }
+    if (scene->environment.line > 0 &&
+        fmax(fmax(background[0], background[1]), background[2]) > 0) {
+        return nacre_fail(error,
+                          "%s:%d: the environment is the picture's background; leave out "
+                          "image.background",
+                          name, scene->environment.line);
+    }
+    if (check_without(name, scene, error) != NACRE_OK) {
+        return NACRE_FAILED;
     }
     for (size_t i = 0; i < scene->light_count; i++) {
         if (check_light(name, &scene->lights[i], error) != NACRE_OK) {

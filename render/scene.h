@@ -4,7 +4,7 @@
  * `irradiance` is what it makes, unshadowed, on a surface at its point `at_mm` that faces it. A plain surface of
  * reflectance rho under irradiance E has the radiance rho E / pi; a translucent one pi L(x_o) = sum over surface points
  * x_i of E(x_i) R_d(x_i, x_o). A picture's value is radiance times pi times `exposure`: white under irradiance 1 is
- * `exposure`. */
+ * `exposure`. An environment's values are radiance times pi too: one of 1 all around makes the irradiance 1. */
 #ifndef RENDER_SCENE_H
 #define RENDER_SCENE_H
 
@@ -14,7 +14,8 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-enum scene_light_kind { LIGHT_AREA, LIGHT_POINT, LIGHT_SPOT, LIGHT_PROJECTOR };
+/* The last is the scene's `environment`, not one of its `lights`. */
+enum scene_light_kind { LIGHT_AREA, LIGHT_POINT, LIGHT_SPOT, LIGHT_PROJECTOR, LIGHT_ENVIRONMENT };
 
 enum scene_pattern { PATTERN_NONE, PATTERN_CHECKS, PATTERN_STRIPES, PATTERN_GRID };
 
@@ -59,6 +60,9 @@ struct scene_material {
 struct scene_gloss {
     double specular;  /* strength of the highlight */
     double roughness; /* its width */
+    double
+        reflection; /* of the surroundings' mirror image: times Fresnel's where there is an index */
+    int specular_line, reflection_line;
 };
 
 struct scene_object {
@@ -70,8 +74,19 @@ struct scene_object {
     double position_mm[3];  /* of the bottom's centre, after turning */
     double rotation_deg[3]; /* about x, then y, then z */
     double color[3];        /* plain objects: diffuse reflectance */
+    double index;           /* of refraction; 1: light enters and leaves alike at all angles */
+    int index_line;
     struct scene_material material;
     struct scene_gloss gloss;
+};
+
+/* Light from all around, infinitely far away. */
+struct scene_environment {
+    char *
+        image; /* equirectangular: top row up, middle column along y, right of it x; NULL: alike all around */
+    double color[3];
+    double rotation_deg; /* about z */
+    int line;            /* 0: there is none */
 };
 
 struct scene_camera {
@@ -88,8 +103,13 @@ struct scene_image {
 struct scene {
     struct scene_image image;
     struct scene_camera camera;
+    struct scene_environment environment;
     struct scene_light *lights;
     size_t light_count;
+    int bounces, bounces_line; /* of light between surfaces */
+    char **without;            /* effects that are forbidden; see effects.h */
+    size_t without_count;
+    int without_line;
     struct scene_object *objects;
     size_t object_count;
 };

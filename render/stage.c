@@ -1,27 +1,13 @@
 /* Preparing the objects of a scene and calculating their light. */
 #include "render/stage.h"
 
-#include "base/clock.h"
+#include "render/facts.h"
 #include "render/plain.h"
 
 #include <stdlib.h>
 
 /* Of translucent meshes, in surface points: the diagonal of a square of one. */
 static const double longest_edge = 1.45;
-
-static int64_t now_ns(void)
-{
-    struct clock clock = clock_monotonic();
-    return clock_now_ns(&clock);
-}
-
-static double lap(int64_t *start_ns)
-{
-    int64_t now = now_ns();
-    double seconds = (double)(now - *start_ns) * 1e-9;
-    *start_ns = now;
-    return seconds;
-}
 
 static int make_shape(const struct scene_object *object, double edge_mm, struct mesh *mesh,
                       struct nacre_error *error)
@@ -44,13 +30,17 @@ static int make_shape(const struct scene_object *object, double edge_mm, struct 
     }
 }
 
-static int read_material(const char *path, struct appearance *appearance, struct nacre_error *error)
+static int read_material(const char *path, struct appearance *appearance,
+                         struct render_object_facts *facts, struct nacre_error *error)
 {
     struct nacre_material material = {0};
     if (nacre_material_read(path, &material, error) != NACRE_OK) {
         return NACRE_FAILED;
     }
     int status = appearance_make(appearance, &material, error);
+    if (status == NACRE_OK) {
+        facts_of_material(facts, &material, appearance);
+    }
     if (status != NACRE_OK) {
         (void)nacre_fail_within(error, "%s", path);
     }
@@ -75,10 +65,18 @@ static int refine_translucent(const struct stage *stage, struct stage_object *pr
                            : nacre_fail_memory(error, "the light on the mesh");
 }
 
+/* Whether plain objects are lit here and not by POV-Ray alone. */
+static bool lights_plain(const struct stage *stage)
+{
+    const struct render_effects *effects = &stage->effects;
+    return render_has(effects, RENDER_ENVIRONMENT) || render_has(effects, RENDER_BOUNCES) ||
+           (render_has(effects, RENDER_SOFT_LIGHT) && !stage->settings->povray_shadows);
+}
+
 static int refine_plain(const struct stage *stage, struct stage_object *prepared,
                         struct nacre_error *error)
 {
-    if (stage->settings->povray_shadows || !plain_wanted(stage->scene)) {
+    if (!lights_plain(stage)) {
         return NACRE_OK;
     }
     if (plain_refine(&prepared->mesh, stage->scene, stage->settings->triangle_limit, error) !=
@@ -86,12 +84,13 @@ static int refine_plain(const struct stage *stage, struct stage_object *prepared
         return NACRE_FAILED;
     }
     prepared->light = calloc(prepared->mesh.vertex_count + 1, sizeof *prepared->light);
-    return prepared->light ? NACRE_OK : nacre_fail_memory(error, "the light on the mesh");
+    prepared->soft = calloc(prepared->mesh.vertex_count + 1, sizeof *prepared->soft);
+    return prepared->light && prepared->soft ? NACRE_OK
+                                             : nacre_fail_memory(error, "the light on the mesh");
 }
 
-/* Place the mesh, map the material on a translucent one, and split edges so that vertices resolve the light. */
-static int place(struct stage *stage, size_t index, struct render_object_report *report,
-                 struct nacre_error *error)
+/* Place the mesh and map the material on a translucent one. */
+static int place(struct stage *stage, size_t index, struct nacre_error *error)
 {
     const struct scene_object *object = &stage->scene->objects[index];
     struct stage_object *prepared = &stage->objects[index];
@@ -105,12 +104,10 @@ static int place(struct stage *stage, size_t index, struct render_object_report 
         return NACRE_FAILED;
     }
     mesh_move(mesh, &motion);
-    return prepared->translucent ? refine_translucent(stage, prepared, report, error)
-                                 : refine_plain(stage, prepared, error);
+    return NACRE_OK;
 }
 
-static int prepare_object(struct stage *stage, size_t index, struct render_object_report *report,
-                          struct nacre_error *error)
+static int prepare_object(struct stage *stage, size_t index, struct nacre_error *error)
 {
     const struct scene_object *object = &stage->scene->objects[index];
     struct stage_object *prepared = &stage->objects[index];
@@ -123,15 +120,31 @@ static int prepare_object(struct stage *stage, size_t index, struct render_objec
     if (prepared->translucent) {
         const char *path =
             stage->settings->material ? stage->settings->material : object->material.file;
-        if (read_material(path, &prepared->appearance, error) != NACRE_OK) {
+        if (read_material(path, &prepared->appearance, &stage->facts[index], error) != NACRE_OK) {
             return NACRE_FAILED;
         }
         edge = prepared->material.point_mm > 0 ? prepared->material.point_mm
                                                : prepared->appearance.pitch_mm;
+        stage->facts[index].point_mm = edge;
     }
     if (make_shape(object, edge, &prepared->mesh, error) != NACRE_OK ||
-        place(stage, index, report, error) != NACRE_OK) {
+        place(stage, index, error) != NACRE_OK) {
         return NACRE_FAILED;
+    }
+    facts_of_mesh(&stage->facts[index], &prepared->mesh, &stage->scene->camera,
+                  &stage->scene->image);
+    return NACRE_OK;
+}
+
+/* Split edges so that vertices resolve the light. */
+static int refine_object(struct stage *stage, size_t index, struct render_object_report *report,
+                         struct nacre_error *error)
+{
+    struct stage_object *prepared = &stage->objects[index];
+    int status = prepared->translucent ? refine_translucent(stage, prepared, report, error)
+                                       : refine_plain(stage, prepared, error);
+    if (status != NACRE_OK) {
+        return status;
     }
     report->translucent = prepared->translucent;
     report->vertices = prepared->mesh.vertex_count;
@@ -140,79 +153,92 @@ static int prepare_object(struct stage *stage, size_t index, struct render_objec
     return NACRE_OK;
 }
 
+/* The lights that the effects leave. */
+static int make_lights(struct stage *stage, struct nacre_error *error)
+{
+    const struct scene *scene = stage->scene;
+    for (size_t i = 0; i < scene->light_count; i++) {
+        struct light *light = &stage->lights[stage->light_count++];
+        if (light_make(light, &scene->lights[i], error) != NACRE_OK) {
+            return nacre_fail_within(error, "the light at line %d", scene->lights[i].line);
+        }
+        light->soft = light->soft && render_has(&stage->effects, RENDER_SOFT_LIGHT);
+        if (!render_has(&stage->effects, RENDER_PROJECTED)) {
+            picture_finish(&light->slide);
+        }
+    }
+    if (render_has(&stage->effects, RENDER_ENVIRONMENT)) {
+        struct light *light = &stage->lights[stage->light_count++];
+        if (light_make_environment(light, &scene->environment, error) != NACRE_OK) {
+            return nacre_fail_within(error, "the environment at line %d", scene->environment.line);
+        }
+    }
+    return NACRE_OK;
+}
+
+static int make_world(struct stage *stage, struct nacre_error *error)
+{
+    const struct scene *scene = stage->scene;
+    const struct mesh **meshes = calloc(scene->object_count + 1, sizeof *meshes);
+    struct vec3 centre;
+    double radius_mm;
+    if (!meshes) {
+        return nacre_fail_memory(error, "the scene");
+    }
+    for (size_t i = 0; i < scene->object_count; i++) {
+        meshes[i] = &stage->objects[i].mesh;
+    }
+    int status = world_new(meshes, scene->object_count, &stage->world, error);
+    free(meshes);
+    for (size_t i = 0; status == NACRE_OK && i < stage->light_count; i++) {
+        world_bounds(stage->world, &centre, &radius_mm);
+        light_surround(&stage->lights[i], centre, radius_mm);
+    }
+    return status;
+}
+
+static int prepare_objects(struct stage *stage, struct render_report *report,
+                           struct nacre_error *error)
+{
+    const struct scene *scene = stage->scene;
+    int status = NACRE_OK;
+    for (size_t i = 0; status == NACRE_OK && i < scene->object_count; i++) {
+        status = prepare_object(stage, i, error);
+        if (status != NACRE_OK) {
+            (void)nacre_fail_within(error, "the object at line %d", scene->objects[i].line);
+        }
+    }
+    if (status == NACRE_OK) {
+        status = render_effects_plan(scene, stage->facts, stage->settings->albedo, &stage->effects,
+                                     error);
+    }
+    for (size_t i = 0; status == NACRE_OK && i < scene->object_count; i++) {
+        status = refine_object(stage, i, &report->objects[i], error);
+        if (status != NACRE_OK) {
+            (void)nacre_fail_within(error, "the object at line %d", scene->objects[i].line);
+        }
+    }
+    return status;
+}
+
 int stage_prepare(struct stage *stage, const struct scene *scene,
                   const struct render_settings *settings, struct render_report *report,
                   struct nacre_error *error)
 {
     *stage = (struct stage){.scene = scene, .settings = settings};
-    const struct mesh **meshes = calloc(scene->object_count + 1, sizeof *meshes);
-    int status = NACRE_FAILED;
     stage->objects = calloc(scene->object_count + 1, sizeof *stage->objects);
+    stage->facts = calloc(scene->object_count + 1, sizeof *stage->facts);
     stage->lights = calloc(scene->light_count + 1, sizeof *stage->lights);
     report->objects = calloc(scene->object_count + 1, sizeof *report->objects);
-    if (!meshes || !stage->objects || !stage->lights || !report->objects) {
-        (void)nacre_fail_memory(error, "the scene");
-        goto out;
+    if (!stage->objects || !stage->facts || !stage->lights || !report->objects) {
+        return nacre_fail_memory(error, "the scene");
     }
     report->object_count = scene->object_count;
-    for (size_t i = 0; i < scene->light_count; i++) {
-        if (light_make(&stage->lights[i], &scene->lights[i], error) != NACRE_OK) {
-            (void)nacre_fail_within(error, "the light at line %d", scene->lights[i].line);
-            goto out;
-        }
+    int status = prepare_objects(stage, report, error);
+    if (status == NACRE_OK) {
+        status = make_lights(stage, error);
     }
-    for (size_t i = 0; i < scene->object_count; i++) {
-        struct stage_object *prepared = &stage->objects[i];
-        if (prepare_object(stage, i, &report->objects[i], error) != NACRE_OK) {
-            (void)nacre_fail_within(error, "the object at line %d", scene->objects[i].line);
-            goto out;
-        }
-        meshes[i] = &prepared->mesh;
-    }
-    status = world_new(meshes, scene->object_count, &stage->world, error);
-out:
-    free(meshes);
-    return status;
-}
-
-static int bake_plain(struct stage *stage, const struct stage_object *prepared,
-                      struct render_report *report, struct nacre_error *error)
-{
-    int64_t start = now_ns();
-    struct progress progress = progress_begin("shadows", stage->settings->bake.quiet);
-    int status =
-        plain_light(&prepared->mesh, stage->world, stage->lights, stage->scene->light_count,
-                    stage->settings->bake.seed, &progress, prepared->light, error);
-    progress_end(&progress);
-    report->light_seconds += lap(&start);
-    return status;
-}
-
-int stage_bake_object(struct stage *stage, size_t index, const struct opencl *opencl,
-                      struct render_report *report, struct nacre_error *error)
-{
-    struct stage_object *prepared = &stage->objects[index];
-    struct bake_counts *counts = &report->objects[index].counts;
-    if (!prepared->translucent) {
-        return prepared->light ? bake_plain(stage, prepared, report, error) : NACRE_OK;
-    }
-    int status =
-        bake_object(&prepared->mesh, &prepared->mapping, &prepared->appearance, &prepared->material,
-                    stage->world, index, stage->lights, stage->scene->light_count, opencl,
-                    &stage->settings->bake, prepared->light, counts, error);
-    report->light_seconds += counts->light_seconds;
-    report->gather_seconds += counts->gather_seconds;
-    return status;
-}
-
-int stage_bake(struct stage *stage, const struct opencl *opencl, struct render_report *report,
-               struct nacre_error *error)
-{
-    int status = NACRE_OK;
-    for (size_t i = 0; status == NACRE_OK && i < stage->scene->object_count; i++) {
-        status = stage_bake_object(stage, i, opencl, report, error);
-    }
-    return status;
+    return status == NACRE_OK ? make_world(stage, error) : status;
 }
 
 void stage_finish(struct stage *stage)
@@ -222,12 +248,16 @@ void stage_finish(struct stage *stage)
         mapping_finish(&stage->objects[i].mapping);
         appearance_finish(&stage->objects[i].appearance);
         free(stage->objects[i].light);
+        free(stage->objects[i].soft);
+        free(stage->objects[i].albedo);
     }
-    for (size_t i = 0; stage->lights && i < stage->scene->light_count; i++) {
+    for (size_t i = 0; i < stage->light_count; i++) {
         light_finish(&stage->lights[i]);
     }
     world_free(stage->world);
     free(stage->objects);
     free(stage->lights);
+    free(stage->facts);
+    render_effects_finish(&stage->effects);
     *stage = (struct stage){0};
 }

@@ -75,6 +75,15 @@ static inline struct vec3 vec3_perpendicular(struct vec3 a)
     return vec3_unit(vec3_cross(other, a));
 }
 
+/* A unit vector on the side of the unit normal, by u[2] in [0, 1)^2, drawn by its cosine to the normal (over pi). */
+static inline struct vec3 vec3_by_cosine(struct vec3 normal, const double u[2])
+{
+    struct vec3 side = vec3_perpendicular(normal), other = vec3_cross(normal, side);
+    double r = sqrt(u[0]), angle = 2 * acos(-1.0) * u[1];
+    return vec3_along(vec3_along(vec3_scale(normal, sqrt(fmax(1 - u[0], 0))), r * cos(angle), side),
+                      r * sin(angle), other);
+}
+
 /* Rotation, then translation: from an object's own frame into the scene. */
 struct motion {
     struct vec3 axes[3]; /* where the object's x, y and z point; orthonormal */

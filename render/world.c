@@ -10,6 +10,8 @@ struct world {
     RTCDevice device;
     RTCScene scene;
     double lift_mm;
+    struct vec3 centre;
+    double radius_mm;
 };
 
 static int check_device(RTCDevice device, struct nacre_error *error)
@@ -45,13 +47,11 @@ int world_new(const struct mesh *const *meshes, size_t count, struct world **wor
 {
     int status = NACRE_FAILED;
     struct world *made = calloc(1, sizeof *made);
-    struct vec3 centre;
-    double radius;
     *world = NULL;
     if (!made) {
         return nacre_fail_memory(error, "the scene's surfaces");
     }
-    world_sphere(meshes, count, &centre, &radius);
+    world_sphere(meshes, count, &made->centre, &made->radius_mm);
     made->device = rtcNewDevice("threads=0");
     if (!made->device) {
         (void)nacre_fail(error, "Embree cannot start (error %d)", (int)rtcGetDeviceError(NULL));
@@ -108,6 +108,20 @@ void world_sphere(const struct mesh *const *meshes, size_t count, struct vec3 *c
     *radius_mm = vec3_length(vec3_subtract(high, low)) / 2;
 }
 
+void world_bounds(const struct world *world, struct vec3 *centre, double *radius_mm)
+{
+    *centre = world->centre;
+    *radius_mm = world->radius_mm;
+}
+
+struct vec3 world_place(const struct mesh *mesh, const struct world_hit *hit)
+{
+    const uint32_t *corners = mesh->triangles[hit->triangle];
+    struct vec3 p = vec3_scale(vec3_from(mesh->positions[corners[0]]), 1 - hit->b1 - hit->b2);
+    p = vec3_along(p, hit->b1, vec3_from(mesh->positions[corners[1]]));
+    return vec3_along(p, hit->b2, vec3_from(mesh->positions[corners[2]]));
+}
+
 bool world_blocked(const struct world *world, struct vec3 surface, struct vec3 normal,
                    struct vec3 other)
 {
@@ -125,6 +139,12 @@ bool world_blocked(const struct world *world, struct vec3 surface, struct vec3 n
     rtcInitIntersectContext(&context);
     rtcOccluded1(world->scene, &context, &ray);
     return ray.tfar < 0;
+}
+
+bool world_look(const struct world *world, struct vec3 surface, struct vec3 normal,
+                struct vec3 direction, struct world_hit *hit)
+{
+    return world_trace(world, vec3_along(surface, world->lift_mm, normal), direction, hit);
 }
 
 bool world_trace(const struct world *world, struct vec3 origin, struct vec3 direction,

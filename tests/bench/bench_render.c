@@ -92,13 +92,18 @@ static void make_bench(struct bench *bench)
 static void make_samples(const struct bench *bench, const struct way *way,
                          struct light_samples *samples)
 {
-    struct lit_surface surface = {&bench->mesh, &bench->mapping, 0};
+    const struct lit_surface surface = {&bench->mesh, &bench->mapping, 0, 1};
+    const struct lighting lighting = {.world = bench->world,
+                                      .lights = bench->lights,
+                                      .light_count = 2,
+                                      .shadows = true,
+                                      .rays = way->rays,
+                                      .seed = 1};
     double point = bench->mapping.point_mm;
     must(way->photons > 0
-             ? samples_shoot(&surface, bench->world, bench->lights, 2, way->photons, 1, NULL,
-                             samples, &error)
-             : samples_spread(&surface, bench->world, bench->lights, 2,
-                              way->density / (point * point), way->rays, 1, NULL, samples, &error));
+             ? samples_shoot(&surface, &lighting, way->photons, NULL, samples, &error)
+             : samples_spread(&surface, &lighting, way->density / (point * point), NULL, samples,
+                              &error));
 }
 
 /* The light that leaves where it fell, as bake_object adds it. */

@@ -116,16 +116,16 @@ void stand_light_evenly(struct stand *stand, double density)
 {
     /* A far point light over every facet would not be even on a curved surface, so the flux is set by hand. */
     const struct mesh *meshes[1] = {&stand->mesh};
-    struct lit_surface surface = {&stand->mesh, &stand->mapping, 0};
+    struct lit_surface surface = {&stand->mesh, &stand->mapping, 0, 1};
     struct world *world = NULL;
     double point = stand->mapping.point_mm;
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, world_new(meshes, 1, &world, &error), error.text);
     samples_finish(&stand->samples);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK,
-                                  samples_spread(&surface, world, NULL, 0,
-                                                 density / (point * point), 1, 1, NULL,
-                                                 &stand->samples, &error),
-                                  error.text);
+    const struct lighting dark = {.world = world, .rays = 1, .seed = 1};
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK,
+        samples_spread(&surface, &dark, density / (point * point), NULL, &stand->samples, &error),
+        error.text);
     for (size_t i = 0; i < stand->samples.count; i++) {
         for (int c = 0; c < 3; c++) {
             stand->samples.list[i].flux[c] = stand->samples.list[i].area_mm2;

@@ -183,16 +183,25 @@ static void bake_alone(struct stand *surface, const struct light *lights, size_t
                        int mode, const struct bake_settings *settings)
 {
     const struct mesh *meshes[1] = {&surface->mesh};
-    const struct scene_material how = {.mode = mode};
+    const bool albedo = mode == MODE_ALBEDO;
+    const struct render_object_effects effects = {
+        .albedo = albedo, .local = !albedo, .subsurface = !albedo && surface->appearance.gathers};
+    const struct lit_surface lit = {&surface->mesh, &surface->mapping, 0, 1};
     struct world *world = NULL;
-    struct bake_counts counts;
+    struct bake_counts counts = {0};
     memset(surface->radiosity, 0, surface->mesh.vertex_count * sizeof *surface->radiosity);
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, world_new(meshes, 1, &world, &error), error.text);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(
-        NACRE_OK,
-        bake_object(&surface->mesh, &surface->mapping, &surface->appearance, &how, world, 0, lights,
-                    light_count, stand_opencl(), settings, surface->radiosity, &counts, &error),
-        error.text);
+    const struct lighting lighting = {.world = world,
+                                      .lights = lights,
+                                      .light_count = light_count,
+                                      .shadows = true,
+                                      .rays = settings->rays,
+                                      .seed = settings->seed};
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK,
+                                  bake_object(&lit, &surface->appearance, &effects, &lighting,
+                                              stand_opencl(), settings, surface->radiosity, &counts,
+                                              &error),
+                                  error.text);
     world_free(world);
 }
 

@@ -197,13 +197,20 @@ static void area_lights_cast_penumbras(void)
     mesh_move(&mesh, &lift);
     TEST_ASSERT_EQUAL_INT(NACRE_OK, world_new(meshes, 1, &world, &error));
     TEST_ASSERT_EQUAL_INT(NACRE_OK, light_make(&light, &square, &error));
+    const struct lighting lighting = {.world = world,
+                                      .lights = &light,
+                                      .light_count = 1,
+                                      .shadows = true,
+                                      .rays = 400,
+                                      .seed = 1};
     const double places[] = {-3, -1, 0, 1, 3};
     for (size_t i = 0; i < sizeof places / sizeof *places; i++) {
         double expected = fmin(fmax(0.5 + places[i] / 4, 0), 1), whole[3], quick[3];
-        struct vec3 point = {places[i], 0, 0};
-        TEST_ASSERT_EQUAL_UINT64(
-            400, irradiance_at(world, &light, 1, point, (struct vec3){0, 0, 1}, 400, 1, i, whole));
-        (void)irradiance_penumbra(world, &light, point, (struct vec3){0, 0, 1}, 400, 1, i, quick);
+        const struct lit_point point = {{places[i], 0, 0}, {0, 0, 1}, 1, i};
+        struct light_work work = {0};
+        irradiance_at(&lighting, &point, whole, &work);
+        TEST_ASSERT_EQUAL_UINT64(400, work.shadow_rays);
+        irradiance_penumbra(&lighting, &light, &point, quick, &work);
         /* 400 well spread points against an edge: better than 1 %. */
         TEST_ASSERT_DOUBLE_WITHIN(0.012, expected, whole[0]);
         TEST_ASSERT_DOUBLE_WITHIN(0.012, expected, quick[0]);
