@@ -18,14 +18,15 @@
 
 enum { BITS = 8 };
 
-static const char usage[] =
-    "usage: representations [--nacre PROGRAM] [--sweep|--quick] SAMPLE.yaml|SCAN.exr ...";
+static const char usage[] = "usage: representations [--nacre PROGRAM] [--sweep] [--quick] "
+                            "[--points N] SAMPLE.yaml|SCAN.exr ...";
 
 /* What a run has at hand. */
 struct bench {
     const char *nacre;
     struct opencl opencl;
     bool quick;
+    int points; /* a side, at most */
 };
 
 static const char *const weight_names[] = {"kernel", "response"};
@@ -211,23 +212,26 @@ static void reciprocal(const struct sample *s, const char *what, struct bilinear
 static void compare(const struct bench *b, const struct sample *s)
 {
     enum factor_weight kernel = FACTOR_WEIGHT_KERNEL, response = FACTOR_WEIGHT_RESPONSE;
-    int terms = b->quick ? 4 : 12;
     print_head(s);
+    paper(b, s, 4, 5, response);
     for (enum factor_weight weight = kernel; weight <= response; weight++) {
+        paper(b, s, 12, 5, weight);
         if (!b->quick) {
-            paper(b, s, 4, 5, weight);
+            softened(b, s, 4, 5, weight);
+            reciprocal(s, "kernel per term", (struct bilinear_form){8, false, false, true}, weight);
         }
-        paper(b, s, terms, 5, weight);
-        softened(b, s, terms, 5, weight);
-        reciprocal(s, "kernel per term", (struct bilinear_form){8, false, false, true}, weight);
+    }
+    if (b->quick) {
+        softened(b, s, 4, 5, response);
+        reciprocal(s, "kernel per term", (struct bilinear_form){8, false, false, true}, response);
     }
     reciprocal(s, "kernel per term", (struct bilinear_form){4, false, false, true}, response);
     reciprocal(s, "kernel per term", (struct bilinear_form){8, false, false, false}, response);
     reciprocal(s, "kernels of pairs", (struct bilinear_form){4, true, false, true}, response);
     reciprocal(s, "squared link", (struct bilinear_form){4, true, true, true}, response);
     if (!b->quick) {
+        softened(b, s, 12, 5, response);
         reciprocal(s, "kernels of pairs", (struct bilinear_form){4, true, false, false}, response);
-        reciprocal(s, "kernels of pairs", (struct bilinear_form){6, true, false, true}, response);
         reciprocal(s, "squared link", (struct bilinear_form){6, true, true, true}, response);
     }
 }
@@ -251,7 +255,7 @@ static bool ends_with(const char *text, const char *end)
 int main(int argc, char **argv)
 {
     struct nacre_error error = {0};
-    struct bench bench = {.nacre = NULL};
+    struct bench bench = {.points = SAMPLE_ALL};
     void (*study)(const struct bench *, const struct sample *) = compare;
     int first = 1;
     for (; first < argc && argv[first][0] == '-'; first++) {
@@ -261,11 +265,13 @@ int main(int argc, char **argv)
             study = sweep;
         } else if (strcmp(argv[first], "--quick") == 0) {
             bench.quick = true;
+        } else if (strcmp(argv[first], "--points") == 0 && first + 1 < argc) {
+            bench.points = (int)strtol(argv[++first], NULL, 10);
         } else {
             fail(usage);
         }
     }
-    if (first == argc) {
+    if (first == argc || bench.points < 1) {
         fail(usage);
     }
     if (opencl_open(NULL, &bench.opencl, &error) != NACRE_OK) {
@@ -278,9 +284,10 @@ int main(int argc, char **argv)
             fail("a described sample wants --nacre PROGRAM to simulate it");
         }
         if (described) {
-            sample_simulate(bench.nacre, argv[i], layout_lanes(&bench.opencl), &sample);
+            sample_simulate(bench.nacre, argv[i], layout_lanes(&bench.opencl), bench.points,
+                            &sample);
         } else {
-            sample_read(argv[i], layout_lanes(&bench.opencl), &sample);
+            sample_read(argv[i], layout_lanes(&bench.opencl), bench.points, &sample);
         }
         study(&bench, &sample);
         sample_finish(&sample);

@@ -60,8 +60,8 @@ static struct nacre_scan_info info_of(const struct sample *s)
                                     .pitch_mm = s->pitch_mm};
 }
 
-/* The scan's responses as the file has them, [height][width][channels][K][K]. */
-static float *load(const char *path, struct sample *s)
+/* The middle points' responses as the file has them, [height][width][channels][K][K]. */
+static float *load(const char *path, int limit, struct sample *s)
 {
     struct nacre_error error = {0};
     struct nacre_scan *scan = NULL;
@@ -69,14 +69,15 @@ static float *load(const char *path, struct sample *s)
         fail(error.text);
     }
     const struct nacre_scan_info *info = nacre_scan_info(scan);
-    s->width = info->width;
-    s->height = info->height;
+    s->width = info->width < limit ? info->width : limit;
+    s->height = info->height < limit ? info->height : limit;
     s->channels = info->channels;
     s->window = info->window;
     s->pitch_mm = info->pitch_mm;
     float *values = allocate(sample_size(s) * sizeof *values);
     for (int i = 0; i < s->width * s->height; i++) {
-        if (nacre_scan_read(scan, i % s->width, i / s->width,
+        if (nacre_scan_read(scan, (info->width - s->width) / 2 + i % s->width,
+                            (info->height - s->height) / 2 + i / s->width,
                             values + (size_t)i * sample_response_size(s), &error) != NACRE_OK) {
             fail(error.text);
         }
@@ -101,12 +102,12 @@ static void place(struct sample *s, const float *values, int lanes)
     s->measured = read_all(s, &s->responses);
 }
 
-void sample_read(const char *path, int lanes, struct sample *s)
+void sample_read(const char *path, int lanes, int limit, struct sample *s)
 {
     struct nacre_error error = {0};
     *s = (struct sample){0};
     set_name(s, path);
-    float *values = load(path, s);
+    float *values = load(path, limit, s);
     place(s, values, lanes);
     free(values);
     if (cross_halve(&s->responses, &s->kept, &error) != NACRE_OK) {
@@ -182,7 +183,7 @@ static void run(const char *nacre, const char *path, char *scan)
     free(arguments[3]);
 }
 
-void sample_simulate(const char *nacre, const char *path, int lanes, struct sample *s)
+void sample_simulate(const char *nacre, const char *path, int lanes, int limit, struct sample *s)
 {
     char folder[] = "/tmp/nacre-representations-XXXXXX", scan[64];
     *s = (struct sample){0};
@@ -192,7 +193,7 @@ void sample_simulate(const char *nacre, const char *path, int lanes, struct samp
     (void)snprintf(scan, sizeof scan, "%s/scan.exr", folder);
     run(nacre, path, scan);
     set_name(s, path);
-    s->exact = load(scan, s);
+    s->exact = load(scan, limit, s);
     (void)unlink(scan);
     (void)rmdir(folder);
     drop_copies(s, s->exact);

@@ -6,6 +6,8 @@
 
 #include <stdbool.h>
 
+enum { SAMPLE_ALL = 1 << 20 };
+
 struct sample {
     char name[64];
     double pitch_mm;
@@ -18,13 +20,14 @@ struct sample {
     float *kept_measured;  /* the same as `measured` */
 };
 
-/* A scan as it is: what its noise hides is judged by reciprocal pairs. Lanes are those of the device that factors it.
- * Ends the program where it cannot be read. sample_finish. */
-void sample_read(const char *path, int lanes, struct sample *sample);
+/* A scan as it is, of larger ones the middle `limit` points a side: what its noise hides is judged by reciprocal pairs.
+ * Lanes are those of the device that factors it. Ends the program where it cannot be read. sample_finish. */
+void sample_read(const char *path, int lanes, int limit, struct sample *sample);
 
 /* Simulate the described slab with the program `nacre` and add noise as of counting, of 0.6 % of each response's norm on
  * average. Channels that are all alike count once. */
-void sample_simulate(const char *nacre, const char *path, int lanes, struct sample *sample);
+void sample_simulate(const char *nacre, const char *path, int lanes, int limit,
+                     struct sample *sample);
 
 /* Numbers of one response, and of all of them. */
 size_t sample_response_size(const struct sample *sample);
