@@ -235,12 +235,12 @@ static void choose_products(struct bilinear *f)
 static void start(const struct entries *e, uint64_t seed, struct bilinear *f)
 {
     size_t points = points_of(f);
-    double *mean = allocate((size_t)(f->channels * f->places) * sizeof *mean);
-    double *count = allocate((size_t)(f->channels * f->places) * sizeof *count);
+    size_t places = (size_t)f->channels * (size_t)f->places;
+    double *mean = allocate(places * sizeof *mean), *count = allocate(places * sizeof *count);
     for (int n = 0; n < f->channels * e->count; n++) {
         int c = n / e->count, d = n % e->count;
         struct span span = entries_span(e, c, d);
-        size_t place = (size_t)(c * f->places + place_of(f, e->dx[d], e->dy[d]));
+        size_t place = (size_t)c * (size_t)f->places + (size_t)place_of(f, e->dx[d], e->dy[d]);
         for (size_t i = span.start + span.first; i < span.start + span.end; i++) {
             mean[place] += e->weights[i] > 0 ? e->targets[i] : 0;
             count[place] += e->weights[i] > 0;
@@ -251,8 +251,9 @@ static void start(const struct entries *e, uint64_t seed, struct bilinear *f)
     }
     for (int i = 0; i < f->window * f->window * f->channels * f->count; i++) {
         int n = i % f->count, c = i / f->count % f->channels, at = i / f->count / f->channels;
-        int half = f->window / 2, place = f->place[at];
-        double r = hypot(at % f->window - half, at / f->window - half);
+        int half = f->window / 2, place = f->place[at], dx = at % f->window - half;
+        int dy = at / f->window - half;
+        double r = hypot(dx, dy);
         double g = fmax(0, mean[c * f->places + place] / fmax(1, count[c * f->places + place]));
         double reach = half * pow(0.6, f->a[n]);
         double share = f->a[n] == f->b[n] ? 1 : f->form.squared ? 0.05 : 0.1;

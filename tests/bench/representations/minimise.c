@@ -150,12 +150,12 @@ double minimise(const struct function *function, const struct minimise_limits *l
 {
     size_t bytes = function->count * sizeof(double);
     struct state s = {.function = function,
-                      .x = x,
                       .gradient = allocate(bytes),
                       .next = allocate(bytes),
                       .next_gradient = allocate(bytes),
                       .direction = allocate(bytes),
                       .diagonal = allocate(bytes)};
+    s.x = x;
     for (int i = 0; i < PAIRS; i++) {
         s.steps[i] = allocate(bytes);
         s.changes[i] = allocate(bytes);

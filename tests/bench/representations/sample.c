@@ -166,7 +166,6 @@ static float *add_noise(const struct sample *s)
 /* Run the program; what it prints is not a result here. */
 static void run(const char *nacre, const char *path, char *scan)
 {
-    extern char **environ;
     char verb[] = "simulate", quiet[] = "--quiet", output[] = "-o";
     char *arguments[] = {strdup(nacre), verb, quiet, strdup(path), output, scan, NULL};
     posix_spawn_file_actions_t actions;
