@@ -39,8 +39,9 @@ static const struct {
     [EFFECT_LAMP_DRIFT] = {"one factor an exposure, by the station's time", "no drift of the lamp"},
     [EFFECT_LAMP_FLICKER] = {"one factor an exposure, by the station's time",
                              "no flicker of the lamp"},
-    [EFFECT_MISALIGNMENT] = {"each point gets what of the moved pixels falls on it",
-                             "no shift_points: pixels are the surface points"},
+    [EFFECT_MISALIGNMENT] =
+        {"surface points lie where the pixels fall, on the sample and for the camera",
+         "no shift_points: pixels are the surface points"},
     [EFFECT_PROJECTOR_DEFOCUS] = {"each pixel is spread over a disc",
                                   "no defocus_points: the projector is sharp"},
     [EFFECT_LOCAL] = {"facets of the surface mirror light towards the camera",
@@ -118,7 +119,7 @@ static struct evidence find_projector(const struct list *list, enum effect_id id
     case EFFECT_LAMP_FLICKER:
         return (struct evidence){projector->lamp.flicker_line, false, 0};
     case EFFECT_MISALIGNMENT:
-        return (struct evidence){projector->shift_line, false, pattern_s * POINT_NS};
+        return (struct evidence){projector->shift_line, false, 0};
     default:
         return (struct evidence){projector->defocus_line, false,
                                  pattern_s * side * side * SPREAD_NS};

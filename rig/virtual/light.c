@@ -234,6 +234,9 @@ static int put_sample(const struct station *station, struct light *light, struct
         goto out;
     }
     effects_plan(station, &sample, &light->effects);
+    for (int i = 0; i < 2 && effects_has(&light->effects, EFFECT_MISALIGNMENT); i++) {
+        sample.corner_mm[i] = station->simulated.projector.shift_points[i] * sample.pitch_mm;
+    }
     status = transport_new(&sample, &light->transport, error);
     if (status != NACRE_OK) {
         goto out;

@@ -119,13 +119,15 @@ static void fill_voxel(const struct sample *sample, struct medium *medium, int x
     double share = 1.0 / (SAMPLES_ACROSS * SAMPLES_ACROSS * SAMPLES_DOWN);
     double top = medium->edges_mm[z];
     double height = medium->edges_mm[z + 1] - top;
-    double corner = medium->margin * sample->pitch_mm;
+    double margin_mm = medium->margin * sample->pitch_mm;
+    double left = sample->corner_mm[0] - margin_mm;
+    double back = sample->corner_mm[1] - margin_mm;
     for (int i = 0; i < SAMPLES_ACROSS * SAMPLES_ACROSS * SAMPLES_DOWN; i++) {
         int layer = i / (SAMPLES_ACROSS * SAMPLES_ACROSS);
         double u = (i % SAMPLES_ACROSS + 0.5) / SAMPLES_ACROSS;
         double v = (i / SAMPLES_ACROSS % SAMPLES_ACROSS + 0.5) / SAMPLES_ACROSS;
         double w = (layer + 0.5) / SAMPLES_DOWN;
-        double place[3] = {(x + u) * medium->cell_mm - corner, (y + v) * medium->cell_mm - corner,
+        double place[3] = {(x + u) * medium->cell_mm + left, (y + v) * medium->cell_mm + back,
                            top + w * height};
         size_t inclusion = sample_inclusion_at(sample, place);
         const struct sample_material *material = &sample->materials[sample->base_index];

@@ -21,19 +21,31 @@ static void find_slopes(const struct station *station, const struct effects *eff
     slopes[1] = tilted ? tan(radians(station->simulated.tilt_deg[0])) : 0;
 }
 
+/* Where the stage's middle is among the points; the projector may be out of its place. */
+static void find_middle(const struct station *station, const struct effects *effects,
+                        double middle[2])
+{
+    const double *shift = station->simulated.projector.shift_points;
+    bool moved = effects_has(effects, EFFECT_MISALIGNMENT);
+    middle[0] = 0.5 * station->sample.width - (moved ? shift[0] : 0);
+    middle[1] = 0.5 * station->sample.height - (moved ? shift[1] : 0);
+}
+
 void optics_homography(const struct station *station, const struct effects *effects, double h[3][3])
 {
     const struct virtual_camera_settings *camera = &station->simulated.camera;
     double slopes[2];
+    double middle[2];
     double pitch = station->sample.pitch_mm;
     double sine = sin(radians(camera->elevation_deg));
     double cosine = cos(radians(camera->elevation_deg));
     double roll_sine = sin(radians(camera->roll_deg));
     double roll_cosine = cos(radians(camera->roll_deg));
     double focal = camera->pixels_per_point * camera->distance_mm / pitch; /* raw pixels */
-    /* Surface point to mm from the sample's centre, y down. */
-    double x_mm[3] = {pitch, 0, -pitch * station->sample.width / 2};
-    double y_mm[3] = {0, pitch, -pitch * station->sample.height / 2};
+    find_middle(station, effects, middle);
+    /* Surface point to mm from the stage's middle, y down. */
+    double x_mm[3] = {pitch, 0, -pitch * middle[0]};
+    double y_mm[3] = {0, pitch, -pitch * middle[1]};
     find_slopes(station, effects, slopes);
     for (int k = 0; k < 3; k++) {
         /* The camera stands above the projector (towards negative y): what is lower is farther. */
@@ -61,9 +73,11 @@ void optics_directions(const struct station *station, const struct effects *effe
     const struct virtual_camera_settings *camera = &station->simulated.camera;
     double pitch = station->sample.pitch_mm;
     double angle = radians(camera->elevation_deg);
-    double x_mm = pitch * (x - 0.5 * station->sample.width);
-    double y_mm = pitch * (y - 0.5 * station->sample.height);
     double slopes[2];
+    double middle[2];
+    find_middle(station, effects, middle);
+    double x_mm = pitch * (x - middle[0]);
+    double y_mm = pitch * (y - middle[1]);
     find_slopes(station, effects, slopes);
     double away[3] = {-x_mm, -camera->distance_mm * sin(angle) - y_mm,
                       camera->distance_mm * cos(angle) + slopes[0] * x_mm + slopes[1] * y_mm};
@@ -238,6 +252,7 @@ static void prepare_view(const struct station *station, struct effects *effects,
 {
     double h[3][3];
     view->station = station;
+    effects->work[EFFECT_MISALIGNMENT] += effects_has(effects, EFFECT_MISALIGNMENT);
     optics_homography(station, effects, h);
     invert(h, view->inverse);
     if (effects_has(effects, EFFECT_CAMERA_DEFOCUS)) {

@@ -1,4 +1,4 @@
-/* Black level, fall-off, misalignment and defocus of the projector, each a pass of its own where it exists. */
+/* Black level, fall-off and defocus of the projector, each a pass of its own where it exists. */
 #include "rig/virtual/projection.h"
 
 #include "rig/virtual/optics.h"
@@ -49,7 +49,6 @@ int projection_init(const struct station *station, const struct effects *effects
     if (status == NACRE_OK && effects_has(effects, EFFECT_PROJECTOR_DEFOCUS)) {
         status = spread_init(settings->defocus_points, &projection->spread, error);
     }
-    memcpy(projection->shift, settings->shift_points, sizeof projection->shift);
 out:
     if (status != NACRE_OK) {
         projection_finish(projection);
@@ -81,13 +80,6 @@ static void draw_falling_off(const struct projection *projection, const uint8_t 
     }
 }
 
-static void swap(float **a, float **b)
-{
-    float *held = *a;
-    *a = *b;
-    *b = held;
-}
-
 void projection_draw(struct projection *projection, struct effects *effects, const uint8_t *levels,
                      float *irradiance)
 {
@@ -105,14 +97,9 @@ void projection_draw(struct projection *projection, struct effects *effects, con
     if (effects_has(effects, EFFECT_BLACK_LEVEL)) {
         effects->work[EFFECT_BLACK_LEVEL] += points;
     }
-    if (effects_has(effects, EFFECT_MISALIGNMENT)) {
-        spread_shift(projection->shift, width, height, now, next);
-        swap(&now, &next);
-        effects->work[EFFECT_MISALIGNMENT] += points;
-    }
     if (effects_has(effects, EFFECT_PROJECTOR_DEFOCUS)) {
         spread_apply(&projection->spread, width, height, now, next);
-        swap(&now, &next);
+        now = next;
         effects->work[EFFECT_PROJECTOR_DEFOCUS] += points;
     }
     for (size_t c = 0; c < 3; c++) {

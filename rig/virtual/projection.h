@@ -14,7 +14,6 @@ struct projection {
     int width, height;
     double light[256]; /* of a level, in the picture's centre */
     double *falloff;   /* [height][width]; NULL: none */
-    double shift[2];
     struct spread spread;
     float *planes; /* [2][height][width] */
 };

@@ -130,6 +130,9 @@ struct sample {
     int without_line;
     int thickness_line, margin_line, base_line, voxels_line;
     size_t base_index; /* set by sample_read */
+    /* Where the corner of the first surface point lies, from the place that the file counts from; 0 as it is read. A
+     * projector that is out of its place has its points elsewhere. */
+    double corner_mm[2];
 };
 
 extern const struct settings_schema sample_schema;

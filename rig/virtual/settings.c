@@ -107,7 +107,8 @@ static const struct settings_field projector_fields[] = {
      .minimum = -0.5,
      .maximum = 0.5,
      .fallback = "[0, 0]",
-     .sentence = "of the projector's pixels against the surface points, in x and y",
+     .sentence =
+         "of the projector's pixels, and so of the surface points, on the sample, in x and y",
      .line_offset = offsetof(struct virtual_projector_settings, shift_line)},
     {.key = "wheel",
      .kind = SETTINGS_STRUCT,

@@ -31,7 +31,7 @@ struct virtual_projector_settings {
     double vignetting;      /* fraction of the centre's irradiance that the farthest corner lacks */
     double latency_ms;      /* from the refresh that takes a pattern until it is on the glass */
     double defocus_points;  /* diameter of the circle of confusion, in surface points */
-    double shift_points[2]; /* of the projector's pixels against the surface points, x and y */
+    double shift_points[2]; /* of the projector's pixels on the sample, x and y */
     struct virtual_wheel wheel;
     struct virtual_lamp lamp;
     int contrast_line, vignetting_line, latency_line, defocus_line, shift_line;

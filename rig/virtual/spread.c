@@ -1,4 +1,4 @@
-/* Defocus as a sum over neighbours, misalignment as the overlap of moved squares. */
+/* Defocus as a sum over neighbours. */
 #include "rig/virtual/spread.h"
 
 #include <math.h>
@@ -80,29 +80,6 @@ void spread_apply(const struct spread *spread, int width, int height, const floa
                 add_row(in + (size_t)(y + dy) * (size_t)width, weight, dx, width,
                         out + (size_t)y * (size_t)width);
             }
-        }
-    }
-}
-
-static float light_at(const float *in, int width, int height, int x, int y)
-{
-    return x >= 0 && y >= 0 && x < width && y < height ? in[(size_t)y * (size_t)width + (size_t)x]
-                                                       : 0;
-}
-
-void spread_shift(const double shift[2], int width, int height, const float *in, float *out)
-{
-    int step_x = shift[0] > 0 ? -1 : 1;
-    int step_y = shift[1] > 0 ? -1 : 1;
-    float u = (float)fabs(shift[0]);
-    float v = (float)fabs(shift[1]);
-    for (int y = 0; y < height; y++) {
-        for (int x = 0; x < width; x++) {
-            float here = (1 - u) * light_at(in, width, height, x, y) +
-                         u * light_at(in, width, height, x + step_x, y);
-            float next = (1 - u) * light_at(in, width, height, x, y + step_y) +
-                         u * light_at(in, width, height, x + step_x, y + step_y);
-            *out++ = (1 - v) * here + v * next;
         }
     }
 }

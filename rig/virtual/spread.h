@@ -1,4 +1,4 @@
-/* What keeps the projector's picture from being sharp and in its place: defocus and misalignment. */
+/* What keeps the projector's picture from being sharp: defocus. */
 #ifndef RIG_VIRTUAL_SPREAD_H
 #define RIG_VIRTUAL_SPREAD_H
 
@@ -16,8 +16,5 @@ void spread_finish(struct spread *spread);
 
 /* Light in[height][width] spread into out; what falls beyond the picture is lost. */
 void spread_apply(const struct spread *spread, int width, int height, const float *in, float *out);
-
-/* Light in[height][width] of square pixels moved by less than a point: each point gets what falls on its square. */
-void spread_shift(const double shift[2], int width, int height, const float *in, float *out);
 
 #endif

@@ -61,7 +61,8 @@ static int fill_local(const struct station *station, const struct sample *sample
         size_t row = i / (size_t)sample->width;
         double x = (double)column + 0.5;
         double y = (double)row + 0.5;
-        double place_mm[3] = {x * sample->pitch_mm, y * sample->pitch_mm, 0};
+        double place_mm[3] = {x * sample->pitch_mm + sample->corner_mm[0],
+                              y * sample->pitch_mm + sample->corner_mm[1], 0};
         const struct sample_material *material =
             &sample->materials[sample_material_at(sample, place_mm)];
         double to_light[3];
@@ -119,7 +120,8 @@ static int fill_clear(const struct sample *sample, struct surface *surface,
     }
     for (uint64_t i = 0; i < count; i++) {
         uint64_t key = sensor_key(sensor_key((uint64_t)dust->seed, KEY_DUST), i);
-        double middle_mm[2] = {draw(key, 0) * width_mm, draw(key, 1) * height_mm};
+        double middle_mm[2] = {draw(key, 0) * width_mm - sample->corner_mm[0],
+                               draw(key, 1) * height_mm - sample->corner_mm[1]};
         /* Diameters from a half to one and a half of the mean. */
         cover(sample, middle_mm, dust->size_mm * (0.25 + 0.5 * draw(key, 2)), covered);
     }

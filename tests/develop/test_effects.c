@@ -100,6 +100,8 @@ static void put_surface(double *matrices)
     TEST_ASSERT_EQUAL_INT(NACRE_OK, station_read(path[0], &station, &error));
     TEST_ASSERT_EQUAL_INT(NACRE_OK, sample_read(path[1], &sample, &error));
     effects_plan(&station, &sample, &effects);
+    sample.corner_mm[0] = 0.02 * 0.5;
+    sample.corner_mm[1] = -0.015 * 0.5;
     TEST_ASSERT_EQUAL_INT(NACRE_OK, surface_init(&station, &sample, &effects, &surface, &error));
     for (size_t i = 0; i < (size_t)3 * POINTS * POINTS; i++) {
         size_t from = i / POINTS % POINTS;
@@ -120,11 +122,6 @@ static void defocus(const void *context, const float *in, float *out)
     spread_apply(context, WIDTH, HEIGHT, in, out);
 }
 
-static void misalign(const void *context, const float *in, float *out)
-{
-    spread_shift(context, WIDTH, HEIGHT, in, out);
-}
-
 /* Change the light that enters, for what is seen of it at each point. */
 static void change_entering(double *matrices, change_plane *how, const void *context)
 {
@@ -142,15 +139,13 @@ static void change_entering(double *matrices, change_plane *how, const void *con
     }
 }
 
-/* What is known of the projector: its light enters out of focus and beside the points. */
+/* What is known of the projector: its light enters out of focus. */
 static void put_projector(double *matrices)
 {
-    static const double back[2] = {-0.02, 0.015};
     struct nacre_error error;
     struct spread disc = {0};
     TEST_ASSERT_EQUAL_INT(NACRE_OK, spread_init(0.3, &disc, &error));
     change_entering(matrices, defocus, &disc);
-    change_entering(matrices, misalign, back);
     spread_finish(&disc);
 }
 
@@ -197,16 +192,65 @@ static void every_effect_leaves_the_scan_within_its_budget(void)
     TEST_ASSERT_TRUE(compare(developed, expected) > 0.1);
     put_surface(expected);
     put_projector(expected);
-    /* Noise, fall-off and the virtual camera's 8 x 8 places leave 1.1 % (tests/develop/test_chain.c), the lamp 0.5 %.
-     * Developed points follow the dots, which moved with the projector, so that both ends of a path are beside the
-     * points of the sample by 0.02 and 0.015; only one is counted, as a picture of square points does not tell where
-     * within them light is. Of the lit point's share, nearly all of the norm, 3.5 % go to its neighbours, which have a
-     * third of its light: 2.3 %. In squares: 2.6 %. */
-    TEST_ASSERT_DOUBLE_WITHIN(0.026, 0, compare(developed, expected));
+    /* Noise, fall-off and the virtual camera's 8 x 8 places leave 1.1 % (tests/develop/test_chain.c), the lamp 0.5 %, the
+     * camera's defocus, which development does not know, 0.6 % (docs/virtual-station.md). The projector's points lie by
+     * 0.02 beside those of the exact scan: one in three is crossed by an edge of stripes, which differ by a third, so
+     * that 2 % of that are 0.2 %. In squares: 1.4 %. */
+    TEST_ASSERT_DOUBLE_WITHIN(0.014, 0, compare(developed, expected));
     TEST_ASSERT_EQUAL_INT(POINTS, report.responses);
     free(developed);
     free(exact);
     free(expected);
+}
+
+/* Nothing wrong but these. */
+static const char sharp_text[] =
+    "sample: {width: 18, height: 14, pitch_mm: 0.5}\n"
+    "camera: {driver: virtual, width: 88, height: 74, bayer: GBRG, bits: 16}\n"
+    "projector: {driver: virtual, wheel_hz: 30}\ntrigger: {driver: virtual}\n"
+    "plan: plan.yaml\n"
+    "virtual:\n  sample: sample.yaml\n"
+    "  projector: {contrast: 2000%s}\n"
+    "  camera: {elevation_deg: 20, pixels_per_point: 4.4%s}\n";
+
+static const char even_text[] =
+    "width: 18\nheight: 14\npitch_mm: 0.5\nthickness_mm: 4\nmargin_points: 4\nbase: pale\n"
+    "materials:\n"
+    "  - {name: pale, scattering_per_mm: [2.6, 2.5, 2.4], absorption_per_mm: [0.2, 0.3, 0.5],\n"
+    "     index: 1.3}\n";
+
+/* How far an even sample's developed responses are from the exact ones. */
+static double measure_error(const char *projector, const char *camera)
+{
+    char text[1024];
+    struct sequence_result result;
+    struct develop_report report;
+    char *own = made_folder();
+    (void)snprintf(text, sizeof text, sharp_text, projector, camera);
+    virtual_scan_write(own, "station.yaml", text);
+    virtual_scan_write(own, "plan.yaml", plan_text);
+    virtual_scan_write(own, "sample.yaml", even_text);
+    virtual_scan_run(own, &result, &report);
+    virtual_scan_exact(own, WINDOW);
+    float *developed = virtual_scan_load(own, "scan.exr");
+    float *exact = virtual_scan_load(own, "exact.exr");
+    double *expected = as_matrices(exact);
+    double error = compare(developed, expected);
+    free(developed);
+    free(exact);
+    free(expected);
+    made_folder_remove(own);
+    return error;
+}
+
+static void projector_beside_its_place_measures_an_even_sample_as_well(void)
+{
+    double in_place = measure_error("", "");
+    double beside = measure_error(", shift_points: [0.4, -0.3]", "");
+    /* The virtual camera's 8 x 8 places, and the windows' ends (tests/develop/test_chain.c). */
+    TEST_ASSERT_DOUBLE_WITHIN(0.012, 0, in_place);
+    /* Those places fall elsewhere: not the same, and no worse. */
+    TEST_ASSERT_DOUBLE_WITHIN(0.003, in_place, beside);
 }
 
 /* A lamp that drifts by some per cent within the scan, and nothing else that could be wrong. */
@@ -307,6 +351,7 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(every_effect_leaves_the_scan_within_its_budget);
+    RUN_TEST(projector_beside_its_place_measures_an_even_sample_as_well);
     RUN_TEST(random_order_turns_a_lamp_s_drift_into_noise);
     return UNITY_END();
 }

@@ -91,6 +91,22 @@ static void homography_is_that_of_a_pinhole_in_space(void)
     }
 }
 
+static void projector_out_of_its_place_lights_points_elsewhere(void)
+{
+    struct station station = make_station();
+    double h[3][3];
+    station.simulated.projector.shift_points[0] = 0.25;
+    station.simulated.projector.shift_points[1] = -0.4;
+    find_homography(&station, h);
+    for (int i = 0; i <= 12; i += 3) {
+        double u, v, expected_u, expected_v;
+        project(h, i, i - 2, &u, &v);
+        project_in_space(&station, i + 0.25, i - 2.4, &expected_u, &expected_v);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-11, expected_u, u);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-11, expected_v, v);
+    }
+}
+
 static void camera_above_sees_the_lower_edge_smaller(void)
 {
     struct station station = make_station();
@@ -260,6 +276,7 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(homography_is_that_of_a_pinhole_in_space);
+    RUN_TEST(projector_out_of_its_place_lights_points_elsewhere);
     RUN_TEST(camera_above_sees_the_lower_edge_smaller);
     RUN_TEST(white_surface_fills_the_range_in_the_full_scale_time);
     RUN_TEST(lit_point_appears_where_the_homography_says);

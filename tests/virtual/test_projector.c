@@ -1,4 +1,4 @@
-/* Tests of the virtual projector's parts: lamp, colour wheel, defocus and misalignment. */
+/* Tests of the virtual projector's parts: lamp, colour wheel and defocus. */
 #include "rig/virtual/lamp.h"
 #include "rig/virtual/spread.h"
 #include "rig/virtual/wheel.h"
@@ -169,30 +169,13 @@ static void defocus_keeps_the_light_and_has_the_disc_s_variance(void)
     }
 }
 
-static void shift_gives_each_point_what_falls_on_it(void)
+static void light_spread_over_the_border_is_lost(void)
 {
-    const double shift[2] = {0.25, -0.5};
-    float in[POINTS] = {0};
-    float out[POINTS];
-    in[7 * SIDE + 7] = 1;
-    spread_shift(shift, SIDE, SIDE, in, out);
-    TEST_ASSERT_EQUAL_FLOAT(0.75F * 0.5F, out[7 * SIDE + 7]);
-    TEST_ASSERT_EQUAL_FLOAT(0.25F * 0.5F, out[7 * SIDE + 8]);
-    TEST_ASSERT_EQUAL_FLOAT(0.75F * 0.5F, out[6 * SIDE + 7]);
-    TEST_ASSERT_EQUAL_FLOAT(0.25F * 0.5F, out[6 * SIDE + 8]);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 1, sum_of(out));
-}
-
-static void light_shifted_or_spread_over_the_border_is_lost(void)
-{
-    const double shift[2] = {0.25, 0};
     struct spread spread = {0};
     struct nacre_error error;
     float in[POINTS] = {0};
     float out[POINTS];
     in[SIDE - 1] = 1;
-    spread_shift(shift, SIDE, SIDE, in, out);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-6, 0.75, sum_of(out));
     TEST_ASSERT_EQUAL_INT(NACRE_OK, spread_init(2, &spread, &error));
     spread_apply(&spread, SIDE, SIDE, in, out);
     TEST_ASSERT_TRUE(sum_of(out) < 0.8);
@@ -209,7 +192,6 @@ int main(void)
     RUN_TEST(wheel_gives_exposures_the_overlap_with_its_segments);
     RUN_TEST(wheel_changes_nothing_in_whole_turns);
     RUN_TEST(defocus_keeps_the_light_and_has_the_disc_s_variance);
-    RUN_TEST(shift_gives_each_point_what_falls_on_it);
-    RUN_TEST(light_shifted_or_spread_over_the_border_is_lost);
+    RUN_TEST(light_spread_over_the_border_is_lost);
     return UNITY_END();
 }

@@ -286,6 +286,31 @@ static void voxels_take_the_mean_of_what_they_hold(void)
     medium_free(medium);
 }
 
+/* Points that begin a quarter of a mm lower see stripes that begin a quarter of a mm higher. */
+static void voxels_begin_where_the_points_do(void)
+{
+    static const char *const starts[2] = {"0.625", "0.375"};
+    struct medium *media[2];
+    for (int i = 0; i < 2; i++) {
+        char text[1024];
+        (void)snprintf(text, sizeof text,
+                       "%sinclusions:\n  - {material: ink, bands: {angle_deg: 0, period_mm: 2, "
+                       "start_mm: %s}}\n",
+                       HEAD, starts[i]);
+        read_text(text);
+        sample.corner_mm[1] = i == 0 ? 0.25 : 0;
+        TEST_ASSERT_EQUAL_INT(NACRE_OK, medium_new(&sample, &media[i], &error));
+        sample_finish(&sample);
+    }
+    size_t size = MEDIUM_CHANNELS * medium_cells(media[0]);
+    TEST_ASSERT_EQUAL_FLOAT_ARRAY(media[0]->scattering, media[1]->scattering, size);
+    TEST_ASSERT_TRUE(memcmp(media[0]->scattering, media[0]->scattering + medium_cells(media[0]) / 2,
+                            medium_cells(media[0]) / 2) != 0);
+    medium_free(media[0]);
+    medium_free(media[1]);
+    read_text(HEAD); /* for tearDown */
+}
+
 static void anisotropy_reduces_scattering(void)
 {
     struct medium *medium = NULL;
@@ -497,6 +522,7 @@ int main(void)
     RUN_TEST(outline_wanders_no_farther_than_it_may);
     RUN_TEST(seed_changes_what_is_random);
     RUN_TEST(voxels_take_the_mean_of_what_they_hold);
+    RUN_TEST(voxels_begin_where_the_points_do);
     RUN_TEST(anisotropy_reduces_scattering);
     RUN_TEST(resolution_follows_the_mean_free_path);
     RUN_TEST(unknown_material_is_refused_with_its_line);
