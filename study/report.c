@@ -80,8 +80,8 @@ static void write_warnings(const struct report *report)
 static int write_page(struct report *report, struct nacre_error *error)
 {
     static int (*const sections[])(struct report *, struct nacre_error *) = {
-        report_write_maps,    report_write_responses, report_write_convergence,
-        report_write_kernels, report_write_table,     report_write_pictures,
+        report_write_maps,  report_write_responses, report_write_convergence, report_write_kernels,
+        report_write_terms, report_write_table,     report_write_pictures,
     };
     int status = NACRE_OK;
     char title[512];

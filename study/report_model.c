@@ -6,6 +6,41 @@
 #include <math.h>
 #include <stdlib.h>
 
+/* One curve of the history. */
+static void write_history(FILE *page, const char *title, const char *x_label, const char *y_label,
+                          const double *x, const double *y, size_t count)
+{
+    struct plot_series series = {
+        .x = x, .y = y, .count = count, .colour = "#1a5e8c", .dots = count == 1};
+    struct plot plot = {.title = title,
+                        .x_label = x_label,
+                        .y_label = y_label,
+                        .y_log = true,
+                        .width = 420,
+                        .height = 260,
+                        .series = &series,
+                        .series_count = 1};
+    (void)fputs("<figure>\n", page);
+    plot_write(page, &plot);
+    (void)fputs("</figure>\n", page);
+}
+
+/* The error of a few points, at the iterations after which it was looked at. */
+static void write_error_history(FILE *page, const struct nacre_material *m, double *x, double *y)
+{
+    size_t count = 0;
+    for (size_t i = 0; m->history_error && i < m->history_count; i++) {
+        if (!isnan(m->history_error[i])) {
+            x[count] = (double)i + 1;
+            y[count++] = 100 * (double)m->history_error[i];
+        }
+    }
+    if (count > 0) {
+        write_history(page, "Relative error of a few points", "iterations", "mean error, %", x, y,
+                      count);
+    }
+}
+
 int report_write_convergence(struct report *report, struct nacre_error *error)
 {
     const struct nacre_material *m = &report->material;
@@ -20,32 +55,19 @@ int report_write_convergence(struct report *report, struct nacre_error *error)
     if (!values) {
         return nacre_fail_memory(error, "the history");
     }
+    double *iterations = values, *seconds = values + count, *objective = values + 2 * count;
     for (size_t i = 0; i < count; i++) {
-        values[i] = (double)i + 1;
-        values[count + i] = (double)m->history_seconds[i];
-        values[2 * count + i] = (double)m->history_objective[i];
+        iterations[i] = (double)i + 1;
+        seconds[i] = (double)m->history_seconds[i];
+        objective[i] = (double)m->history_objective[i];
     }
     (void)fputs("<p>The objective, the weighted error that the updates bring down, after each "
                 "iteration.</p>\n<div class=\"two\">\n",
                 page);
-    for (int seconds = 0; seconds < 2; seconds++) {
-        struct plot_series series = {.x = values + (seconds ? count : 0),
-                                     .y = values + 2 * count,
-                                     .count = count,
-                                     .colour = "#1a5e8c",
-                                     .dots = count == 1};
-        struct plot plot = {.title = seconds ? "Objective over time" : "Objective over iterations",
-                            .x_label = seconds ? "seconds" : "iterations",
-                            .y_label = "objective",
-                            .y_log = true,
-                            .width = 420,
-                            .height = 260,
-                            .series = &series,
-                            .series_count = 1};
-        (void)fputs("<figure>\n", page);
-        plot_write(page, &plot);
-        (void)fputs("</figure>\n", page);
-    }
+    write_history(page, "Objective over iterations", "iterations", "objective", iterations,
+                  objective, count);
+    write_history(page, "Objective over time", "seconds", "objective", seconds, objective, count);
+    write_error_history(page, m, seconds, objective); /* which are drawn already */
     (void)fputs("</div>\n", page);
     free(values);
     return NACRE_OK;

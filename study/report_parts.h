@@ -36,6 +36,7 @@ int report_write_maps(struct report *report, struct nacre_error *error);
 int report_write_responses(struct report *report, struct nacre_error *error);
 int report_write_convergence(struct report *report, struct nacre_error *error);
 int report_write_kernels(struct report *report, struct nacre_error *error);
+int report_write_terms(struct report *report, struct nacre_error *error);
 int report_write_table(struct report *report, struct nacre_error *error);
 int report_write_pictures(struct report *report, struct nacre_error *error);
 

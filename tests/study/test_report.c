@@ -204,6 +204,73 @@ static void every_layout_has_a_page(void)
     free(page);
 }
 
+static int count_of(const char *page, const char *text)
+{
+    int count = 0;
+    for (const char *at = strstr(page, text); at; at = strstr(at + 1, text)) {
+        count++;
+    }
+    return count;
+}
+
+/* A term that is 1 everywhere at both ends and has a kernel of 3 at each of 25 entries carries 75; one of 0.5 at both ends
+ * carries a quarter of that; one whose kernel is 0 nothing: 80, 20 and 0 %. */
+static void terms_are_shown_by_planes_kernels_and_shares(void)
+{
+    struct made_material wanted = {.layout = NACRE_KERNEL_PER_TERM,
+                                   .pixel = NACRE_FLOAT,
+                                   .channels = 1,
+                                   .factor_channels = 1,
+                                   .with_h = true,
+                                   .with_centre = true};
+    struct nacre_material m = made_material(wanted);
+    for (int i = 0; i < 3 * 99; i++) {
+        m.f[i] = m.h[i] = i < 99 ? 1 : 0.5f;
+    }
+    for (int i = 0; i < 3 * 25; i++) {
+        m.kernels[i] = i < 50 ? 3 : 0;
+    }
+    write_scan("s.exr", &m, 1, 99);
+    write_material("m.exr", &m);
+    nacre_material_finish(&m);
+    char *page = load_report("s.exr", "m.exr");
+    expect_sound(page);
+    expect_contains(page, "<h3><b>0</b>80 %</h3>");
+    expect_contains(page, "<h3><b>1</b>20 %</h3>");
+    expect_contains(page, "<h3><b>2</b>0 %</h3>");
+    TEST_ASSERT_EQUAL_INT(6, count_of(page, "alt=\"plane of a term\""));
+    TEST_ASSERT_EQUAL_INT(3, count_of(page, "alt=\"kernel of a term"));
+    TEST_ASSERT_EQUAL_INT(1, count_of(page, "alt=\"plane of the centre\""));
+    free(page);
+    page = make_report(paper, 1.25f);
+    TEST_ASSERT_NULL(strstr(page, "<h2>Terms</h2>"));
+    free(page);
+}
+
+/* 10 % at the first iteration, not looked at after the second, 1 % after the third: one line from (1, 10) to (3, 1). */
+static void error_is_plotted_beside_the_objective(void)
+{
+    struct nacre_material m = made_material(paper);
+    static const float errors[] = {0.1f, NAN, 0.01f};
+    m.history_count = 3;
+    m.history_objective = calloc(3, sizeof(float));
+    m.history_seconds = calloc(3, sizeof(float));
+    m.history_error = calloc(3, sizeof(float));
+    for (int i = 0; i < 3; i++) {
+        m.history_objective[i] = 1 + (float)i;
+        m.history_error[i] = errors[i];
+    }
+    write_scan("s.exr", &m, 1, 99);
+    write_material("m.exr", &m);
+    nacre_material_finish(&m);
+    char *page = load_report("s.exr", "m.exr");
+    expect_sound(page);
+    const char *plot = strstr(page, "Relative error of a few points");
+    TEST_ASSERT_NOT_NULL(plot);
+    expect_contains(plot, "d=\"M52.0 26.0L408.0 220.0\"");
+    free(page);
+}
+
 static void names_warnings_and_sources_are_escaped(void)
 {
     struct nacre_error error = {0};
@@ -389,6 +456,8 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(page_tells_the_error_and_the_row_of_table_1);
     RUN_TEST(every_layout_has_a_page);
+    RUN_TEST(terms_are_shown_by_planes_kernels_and_shares);
+    RUN_TEST(error_is_plotted_beside_the_objective);
     RUN_TEST(names_warnings_and_sources_are_escaped);
     RUN_TEST(convergence_is_plotted);
     RUN_TEST(points_that_were_not_measured_are_counted_apart);
