@@ -67,11 +67,35 @@ static int read_map(struct sample_map *map, const char *path, struct nacre_error
     return NACRE_OK;
 }
 
+static int count_shapes(const struct sample_inclusion *inclusion)
+{
+    return !!inclusion->vein.line + !!inclusion->bands.line + !!inclusion->checker.line +
+           !!inclusion->cells.line + !!inclusion->clouds.line + !!inclusion->map.line;
+}
+
+/* Shapes may lie over each other and over layers, as veins do; a place has one layer. */
+static int check_overlap(const struct sample *sample, size_t which, const char *path,
+                         struct nacre_error *error)
+{
+    const struct sample_inclusion *layer = &sample->inclusions[which];
+    for (size_t i = 0; i < which && count_shapes(layer) == 0; i++) {
+        const struct sample_inclusion *other = &sample->inclusions[i];
+        double from = fmax(layer->depth_mm[0], other->depth_mm[0]);
+        double to = fmin(layer->depth_mm[1], other->depth_mm[1]);
+        if (count_shapes(other) == 0 && from < to) {
+            return nacre_fail(error,
+                              "%s:%d: depth_mm: the layer overlaps that of line %d from %g to %g "
+                              "mm; let one end where the other begins",
+                              path, layer->depth_line, other->depth_line, from, to);
+        }
+    }
+    return NACRE_OK;
+}
+
 static int check_inclusion(struct sample *sample, struct sample_inclusion *inclusion,
                            const char *path, struct nacre_error *error)
 {
-    int shapes = !!inclusion->vein.line + !!inclusion->bands.line + !!inclusion->checker.line +
-                 !!inclusion->cells.line + !!inclusion->clouds.line + !!inclusion->map.line;
+    int shapes = count_shapes(inclusion);
     if (shapes > 1 || (shapes == 0 && !inclusion->depth_line)) {
         return nacre_fail(error,
                           "%s:%d: an inclusion has one shape of vein, bands, checker, cells, "
@@ -207,6 +231,7 @@ static int check(struct sample *sample, const char *path, struct nacre_error *er
     }
     for (size_t i = 0; i < sample->inclusion_count; i++) {
         int status = check_inclusion(sample, &sample->inclusions[i], path, error);
+        status = status ? status : check_overlap(sample, i, path, error);
         if (status) {
             return status;
         }

@@ -129,7 +129,7 @@ static void base_fills_what_nothing_is_painted_on(void)
 static void later_inclusions_cover_earlier_ones(void)
 {
     read_text(HEAD "inclusions:\n  - {material: ink, depth_mm: [0, 2]}\n"
-                   "  - {material: wax, depth_mm: [1, 3]}\n");
+                   "  - {material: wax, depth_mm: [1, 3], checker: {square_mm: 100}}\n");
     TEST_ASSERT_EQUAL_INT(1, at(1, 1, 0));
     TEST_ASSERT_EQUAL_INT(1, at(1, 1, 0.99));
     TEST_ASSERT_EQUAL_INT(0, at(1, 1, 1));
@@ -389,6 +389,19 @@ static void layer_outside_the_slab_is_refused(void)
            "sample.yaml:10:", "depth_mm");
 }
 
+static void layers_that_overlap_are_refused_with_both_lines(void)
+{
+    refuse(HEAD "inclusions:\n  - {material: ink, depth_mm: [0, 2]}\n"
+                "  - {material: wax, checker: {square_mm: 1}}\n"
+                "  - {material: wax, depth_mm: [1.5, 3]}\n",
+           "sample.yaml:12:", "line 10 from 1.5 to 2 mm");
+    refuse(HEAD "inclusions:\n  - {material: ink, depth_mm: [1, 2]}\n"
+                "  - {material: wax, depth_mm: [0, 4]}\n",
+           "sample.yaml:11:", "line 10 from 1 to 2 mm");
+    read_text(HEAD "inclusions:\n  - {material: ink, depth_mm: [2, 4]}\n"
+                   "  - {material: wax, depth_mm: [0, 2]}\n");
+}
+
 static void vein_needs_two_points(void)
 {
     refuse(HEAD "inclusions:\n  - {material: ink, vein: {points_mm: [1, 2], width_mm: 1}}\n",
@@ -488,7 +501,8 @@ static void map_without_its_picture_is_refused(void)
 static void inclusion_that_paints_nothing_is_refused(void)
 {
     static const char *const hidden[] = {
-        "  - {material: ink, depth_mm: [1, 2]}\n  - {material: wax, depth_mm: [0.5, 3]}\n",
+        "  - {material: ink, depth_mm: [1, 2], vein: {points_mm: [0, 1, 4, 1], width_mm: 1}}\n"
+        "  - {material: wax, depth_mm: [0.5, 3]}\n",
         "  - {material: ink, vein: {points_mm: [90, 0, 90, 9], width_mm: 1}}\n"};
     for (int i = 0; i < 2; i++) {
         char text[1024];
@@ -532,6 +546,7 @@ int main(void)
     RUN_TEST(clear_material_is_refused);
     RUN_TEST(inclusion_has_one_shape);
     RUN_TEST(layer_outside_the_slab_is_refused);
+    RUN_TEST(layers_that_overlap_are_refused_with_both_lines);
     RUN_TEST(vein_needs_two_points);
     RUN_TEST(mean_free_path_below_a_voxel_is_refused_with_the_resolution_it_takes);
     RUN_TEST(slab_thinner_than_a_mean_free_path_is_refused);
