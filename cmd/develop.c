@@ -13,6 +13,8 @@ struct develop_settings {
     int demosaic, black, store, flat;
     double confidence;
     bool resume;
+    const char *pixels, *known_pixels, *target;
+    double target_spacing_mm;
 };
 
 static const char *const store_words[] = {"float", "half", NULL};
@@ -64,6 +66,31 @@ static const struct option_spec develop_options[] = {
      .fallback = "float",
      .offset = offsetof(struct develop_settings, store),
      .sentence = "numbers in the scan; half flushes what is below 6e-8"},
+    {.name = "pixels",
+     .kind = OPTION_STRING,
+     .argument = "FILE.exr",
+     .offset = offsetof(struct develop_settings, pixels),
+     .sentence = "write a map of the camera's pixels: good, dead, hot, not linear or noisy"},
+    {.name = "known-pixels",
+     .kind = OPTION_STRING,
+     .argument = "FILE.exr",
+     .offset = offsetof(struct develop_settings, known_pixels),
+     .sentence =
+         "leave out the pixels that such a map names, beside those that this session shows"},
+    {.name = "target",
+     .kind = OPTION_STRING,
+     .argument = "SESSION",
+     .offset = offsetof(struct develop_settings, target),
+     .sentence = "take the distance between surface points from a session of this station, of a "
+                 "plan with grid_spacing 1, that shows a target of dots in place of the sample"},
+    {.name = "target-spacing",
+     .kind = OPTION_REAL,
+     .argument = "MM",
+     .minimum = 1e-3,
+     .maximum = 1e4,
+     .fallback = "5",
+     .offset = offsetof(struct develop_settings, target_spacing_mm),
+     .sentence = "distance between the target's dots, which lie in a square lattice, in mm"},
     {.name = "resume",
      .kind = OPTION_FLAG,
      .offset = offsetof(struct develop_settings, resume),
@@ -80,6 +107,20 @@ static json_t *flat_json(const struct develop_report *report)
 {
     return json_pack("{s:I, s:o, s:o}", "pairs", (json_int_t)report->falloff_pairs, "falloff",
                      real(report->falloff), "falloff_doubt", real(report->falloff_doubt));
+}
+
+static json_t *pitch_json(const struct develop_report *report)
+{
+    const struct target_report *target = &report->target;
+    json_t *pitch = json_pack("{s:o}", "mm", real(report->pitch_mm));
+    if (pitch && target->dots) {
+        json_t *measured = json_pack(
+            "{s:I, s:o, s:o, s:o, s:o, s:o}", "dots", (json_int_t)target->dots, "across_mm",
+            real(target->across), "down_mm", real(target->down), "uneven", real(target->uneven),
+            "doubt", real(target->doubt), "rms_points", real(target->rms_points));
+        (void)json_object_set_new(pitch, "target", measured);
+    }
+    return pitch;
 }
 
 static json_t *warnings_json(const struct warnings *warnings)
@@ -119,31 +160,31 @@ static json_t *geometry_json(const struct develop_report *report)
 static json_t *pixels_json(const struct develop_report *report)
 {
     const struct linearity_report *linearity = &report->linearity;
-    return json_pack("{s:I, s:I, s:I, s:o, s:o}", "dead", (json_int_t)linearity->dead, "nonlinear",
-                     (json_int_t)linearity->nonlinear, "noisy", (json_int_t)linearity->noisy,
-                     "linearity_deviation", real(linearity->deviation), "saturated_share",
-                     real(report->saturated_share));
+    return json_pack("{s:I, s:I, s:I, s:I, s:o, s:o}", "dead", (json_int_t)linearity->dead, "hot",
+                     (json_int_t)linearity->hot, "nonlinear", (json_int_t)linearity->nonlinear,
+                     "noisy", (json_int_t)linearity->noisy, "linearity_deviation",
+                     real(linearity->deviation), "saturated_share", real(report->saturated_share));
 }
 
 static int print_json(const char *output, const struct develop_report *report,
                       struct nacre_error *error)
 {
-    json_t *root =
-        json_pack("{s:s, s:[i,i], s:i, s:i, s:i, s:i, s:i, s:i, s:i, s:i, s:I, s:I, s:o, s:o, s:o, "
-                  "s:o, s:o, s:o, "
-                  "s:o, "
-                  "s:o, s:o, s:o, s:o}",
-                  "output", output, "size", report->width, report->height, "window", report->window,
-                  "channels", report->channels, "patterns", report->patterns, "missing_patterns",
-                  report->missing_patterns, "taken_over", report->taken_over, "white_frames",
-                  report->white_frames, "black_frames", report->black_frames, "dots_frames",
-                  report->dots_frames, "responses", (json_int_t)report->responses,
-                  "missing_entries", (json_int_t)report->missing_entries, "black_level_per_s",
-                  real(report->black_level), "frame_noise_per_s", real(report->frame_noise),
-                  "noise", real(report->noise), "centre", real(report->centre), "rim_share",
-                  real(report->rim_share), "overlap", real(report->overlap), "geometry",
-                  geometry_json(report), "pixels", pixels_json(report), "flat", flat_json(report),
-                  "seconds", seconds_json(report), "warnings", warnings_json(&report->warnings));
+    json_t *root = json_pack(
+        "{s:s, s:[i,i], s:i, s:i, s:i, s:i, s:i, s:i, s:i, s:i, s:I, s:I, s:o, s:o, s:o, "
+        "s:o, s:o, s:o, "
+        "s:o, "
+        "s:o, s:o, s:o, s:o, s:o}",
+        "output", output, "size", report->width, report->height, "window", report->window,
+        "channels", report->channels, "patterns", report->patterns, "missing_patterns",
+        report->missing_patterns, "taken_over", report->taken_over, "white_frames",
+        report->white_frames, "black_frames", report->black_frames, "dots_frames",
+        report->dots_frames, "responses", (json_int_t)report->responses, "missing_entries",
+        (json_int_t)report->missing_entries, "black_level_per_s", real(report->black_level),
+        "frame_noise_per_s", real(report->frame_noise), "noise", real(report->noise), "centre",
+        real(report->centre), "rim_share", real(report->rim_share), "overlap",
+        real(report->overlap), "geometry", geometry_json(report), "pixels", pixels_json(report),
+        "flat", flat_json(report), "pitch", pitch_json(report), "seconds", seconds_json(report),
+        "warnings", warnings_json(&report->warnings));
     return json_print(root, error);
 }
 
@@ -160,6 +201,17 @@ static void print_lens(const struct align_report *align)
         (void)printf("radial distortion of the lens%s, up to %.2f px\n",
                      align->lens == LENS_SHIFTED ? " about a centre of its own" : "",
                      align->lens_px);
+    }
+}
+
+static void print_pitch(const struct develop_report *report)
+{
+    const struct target_report *target = &report->target;
+    if (target->dots) {
+        (void)printf("%-12s %.5g mm (doubt %.2g %%) by %zu dots of the target; %.5g across, %.5g "
+                     "down, %.2g %% uneven\n",
+                     "pitch", target->pitch_mm, 100 * target->doubt, target->dots, target->across,
+                     target->down, 100 * target->uneven);
     }
 }
 
@@ -195,12 +247,13 @@ static void print_text(const char *output, const struct develop_report *report)
         "geometry", align->matched, align->dots, align->rejected, align->rms_px, align->worst_px,
         report->pixels_per_point);
     print_lens(align);
+    print_pitch(report);
     (void)printf("%-12s %s", "demosaic", demosaic_names[report->demosaic]);
     if (isfinite(report->misfit)) {
         (void)printf(" (frames and fit disagree by %.2g %%)", 100 * report->misfit);
     }
-    (void)printf("\n%-12s %zu dead, %zu not linear, %zu noisy", "pixels", pixels->dead,
-                 pixels->nonlinear, pixels->noisy);
+    (void)printf("\n%-12s %zu dead, %zu hot, %zu not linear, %zu noisy", "pixels", pixels->dead,
+                 pixels->hot, pixels->nonlinear, pixels->noisy);
     if (isfinite(pixels->deviation)) {
         (void)printf("; exposures within %.2g %% of proportion", 100 * pixels->deviation);
     }
@@ -219,10 +272,16 @@ static void print_text(const char *output, const struct develop_report *report)
 static int run(const void *settings, const struct invocation *invocation, struct nacre_error *error)
 {
     const struct develop_settings *given = settings;
-    struct develop_options options = {
-        (enum black_mode)given->black,  given->confidence,
-        (enum demosaic)given->demosaic, given->store ? NACRE_HALF : NACRE_FLOAT,
-        (enum flat_mode)given->flat,    given->resume};
+    struct develop_options options = {.black = (enum black_mode)given->black,
+                                      .confidence = given->confidence,
+                                      .demosaic = (enum demosaic)given->demosaic,
+                                      .store = given->store ? NACRE_HALF : NACRE_FLOAT,
+                                      .flat = (enum flat_mode)given->flat,
+                                      .resume = given->resume,
+                                      .pixels = given->pixels,
+                                      .known_pixels = given->known_pixels,
+                                      .target = given->target,
+                                      .target_spacing_mm = given->target_spacing_mm};
     struct progress progress = progress_begin("developing", invocation->quiet);
     struct develop_report report;
     int status = develop_session(invocation->operands[0], &options, given->output, &progress,

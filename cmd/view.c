@@ -186,13 +186,14 @@ static int take_frames(struct view *view, const struct view_settings *settings,
 /* The corners of the sample's region by the calibration of a session, whose frames are part of what is seen here. */
 static int place_by_calibration(struct view *view, const char *path, struct nacre_error *error)
 {
+    const struct calibrate_options options = {.black = BLACK_SUBTRACT, .confidence = confidence};
     const struct camera *camera = view->stand.devices.camera;
     struct session session = {0};
     struct calibration calibration = {.white_frames = 0};
     struct visit_progress progress = {.total = 1};
     int status = session_open(path, &session, error);
     if (status == NACRE_OK) {
-        status = calibrate(&session, BLACK_SUBTRACT, confidence, &progress, &calibration, error);
+        status = calibrate(&session, &options, &progress, &calibration, error);
     }
     if (status == NACRE_OK) {
         const struct station *station = &session.station;

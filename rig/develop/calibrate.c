@@ -8,16 +8,18 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Where white is below this share of the colour's level, the quotient of dots and white is too noisy to find dots. */
-static const double dots_share = 0.1;
+const double calibrate_dots_share = 0.1;
 
 /* Statistics gathered over the frames of one kind. */
 struct gathering {
     const struct noise_model *noise;
     struct moments values, variances;
     struct linearity linearity;
-    bool regress;
+    int regressed, regressed_most; /* frames in the regression; 0: all */
 };
+
+/* Black frames in the regression: 16 know the dark counts of a pixel to a quarter of a sample's noise. */
+enum { BLACK_REGRESSED = 16 };
 
 /* Dots patterns on their way to the alignment. */
 struct dots_gathering {
@@ -40,21 +42,22 @@ static int take_frame(void *state, const struct merged *merged, const float *res
     (void)error;
     moments_add(&gathering->values, merged->radiance);
     moments_add(&gathering->variances, merged->variance);
-    if (gathering->regress) {
+    if (gathering->regressed_most == 0 || gathering->regressed < gathering->regressed_most) {
+        gathering->regressed++;
         linearity_add(&gathering->linearity, merged->frames, gathering->noise, merged->radiance);
     }
     return NACRE_OK;
 }
 
 static int gathering_init(struct gathering *gathering, const struct noise_model *noise,
-                          size_t pixels, bool regress, struct nacre_error *error)
+                          size_t pixels, int regressed_most, struct nacre_error *error)
 {
-    *gathering = (struct gathering){.noise = noise, .regress = regress};
+    *gathering = (struct gathering){.noise = noise, .regressed_most = regressed_most};
     int status = moments_init(&gathering->values, pixels, error);
     if (status == NACRE_OK) {
         status = moments_init(&gathering->variances, pixels, error);
     }
-    if (status == NACRE_OK && regress) {
+    if (status == NACRE_OK) {
         status = linearity_init(&gathering->linearity, pixels, error);
     }
     return status;
@@ -131,34 +134,55 @@ static float *variances_of(const struct moments *moments)
 }
 
 /* Judge the pixels, then make the flat field of those that can be trusted. */
-static int make_flat(const struct session *session, const struct gathering *white,
-                     const struct gathering *black, const float *mean,
-                     struct calibration *calibration, struct nacre_error *error)
+static int make_flat(const struct session *session, const struct calibrate_options *options,
+                     const struct gathering *white, const struct gathering *black,
+                     const float *mean, struct calibration *calibration, struct nacre_error *error)
 {
     const struct station_camera *camera = &session->station.camera;
     size_t pixels = white->values.pixels;
-    int status = NACRE_OK;
+    struct pixel_map *map = &calibration->pixels;
     bool *defect = malloc(pixels * sizeof *defect);
     float *variance = variances_of(&black->values);
-    float *predicted = means_of(&black->variances);
-    if (!defect || !variance || !predicted) {
+    float *foretold = means_of(&black->variances);
+    /* Below 8 frames a pixel's own variance is too uncertain to judge it by. */
+    bool enough = calibration->black_frames >= 8;
+    const struct linearity_evidence evidence = {
+        .white = &white->linearity,
+        .black = &black->linearity,
+        .noise = &calibration->noise,
+        .longest_seconds =
+            (double)session_exposure_ns(session, session->plan.exposure_count - 1) * 1e-9,
+        .mean_white = mean,
+        .black_variance = enough ? variance : NULL,
+        .foretold_variance = foretold};
+    int status = NACRE_OK;
+    if (!defect || !variance || !foretold) {
         status = nacre_fail_memory(error, "the map of defect pixels");
         goto out;
     }
-    /* Below 8 frames a pixel's own variance is too uncertain to judge it by. */
-    bool enough = calibration->black_frames >= 8;
-    status = linearity_judge(&white->linearity, mean, enough ? variance : NULL, predicted,
-                             camera->width, camera->height, (enum bayer)camera->bayer, defect,
-                             &calibration->linearity, error);
+    status = pixel_map_init(map, camera->width, camera->height, (enum bayer)camera->bayer, error);
     if (status != NACRE_OK) {
         goto out;
+    }
+    status = linearity_judge(&evidence, map, &calibration->linearity, error);
+    if (status == NACRE_OK && options->known_pixels) {
+        status = pixel_map_add_known(map, options->known_pixels, error);
+    }
+    if (status == NACRE_OK && options->pixels) {
+        status = pixel_map_write(map, options->pixels, error);
+    }
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    for (size_t i = 0; i < pixels; i++) {
+        defect[i] = map->classes[i] != PIXEL_GOOD;
     }
     status = flat_init(&calibration->flat, mean, defect, camera->width, camera->height,
                        (enum bayer)camera->bayer, session->station.white_reflectance, error);
 out:
     free(defect);
     free(variance);
-    free(predicted);
+    free(foretold);
     return status;
 }
 
@@ -199,7 +223,7 @@ static int note_black(const struct gathering *black, struct calibration *calibra
                       "sample, or scan with a shorter exposure");
 }
 
-static int calibrate_levels(const struct session *session, enum black_mode mode, double confidence,
+static int calibrate_levels(const struct session *session, const struct calibrate_options *options,
                             struct visit_progress *progress, struct calibration *calibration,
                             struct nacre_error *error)
 {
@@ -209,11 +233,11 @@ static int calibrate_levels(const struct session *session, enum black_mode mode,
     struct gathering black = {0};
     float *mean = NULL;
     double began = now_seconds();
-    int status = gathering_init(&white, &calibration->noise, pixels, true, error);
+    int status = gathering_init(&white, &calibration->noise, pixels, 0, error);
     if (status != NACRE_OK) {
         goto out;
     }
-    status = gathering_init(&black, &calibration->noise, pixels, false, error);
+    status = gathering_init(&black, &calibration->noise, pixels, BLACK_REGRESSED, error);
     if (status != NACRE_OK) {
         goto out;
     }
@@ -233,7 +257,7 @@ static int calibrate_levels(const struct session *session, enum black_mode mode,
     if (status != NACRE_OK) {
         goto out;
     }
-    status = make_flat(session, &white, &black, mean, calibration, error);
+    status = make_flat(session, options, &white, &black, mean, calibration, error);
     if (status != NACRE_OK) {
         goto out;
     }
@@ -242,8 +266,8 @@ static int calibrate_levels(const struct session *session, enum black_mode mode,
         status = nacre_fail_within(error, "%s", session->path);
         goto out;
     }
-    status = black_level_init(&calibration->black, &black.values, &black.variances, mode,
-                              confidence, error);
+    status = black_level_init(&calibration->black, &black.values, &black.variances, options->black,
+                              options->confidence, error);
     calibration->black_seconds = now_seconds() - began;
 out:
     gathering_finish(&white);
@@ -282,7 +306,7 @@ static int work_dots(void *state, const struct merged *merged, float *result,
     for (size_t i = 0; i < pixels; i++) {
         int channel = bayer_channel(flat->bayer, (int)(i % (size_t)flat->width),
                                     (int)(i / (size_t)flat->width));
-        bool enough = (double)flat->white[i] > dots_share * flat->levels[channel];
+        bool enough = (double)flat->white[i] > calibrate_dots_share * flat->levels[channel];
         result[i] = enough ? merged->radiance[i] / flat->white[i] : NAN;
     }
     status = dots_find(result, flat->width, flat->height, (double)lit / (double)points, &view->seen,
@@ -350,14 +374,14 @@ out:
     return status;
 }
 
-int calibrate(const struct session *session, enum black_mode black, double confidence,
+int calibrate(const struct session *session, const struct calibrate_options *options,
               struct visit_progress *progress, struct calibration *calibration,
               struct nacre_error *error)
 {
     const struct station_camera *camera = &session->station.camera;
     *calibration =
         (struct calibration){.noise = {camera->pedestal, camera->read_noise, camera->electrons}};
-    int status = calibrate_levels(session, black, confidence, progress, calibration, error);
+    int status = calibrate_levels(session, options, progress, calibration, error);
     if (status == NACRE_OK) {
         status = calibrate_geometry(session, progress, calibration, error);
     }
@@ -371,6 +395,7 @@ void calibration_finish(struct calibration *calibration)
 {
     if (calibration) {
         flat_finish(&calibration->flat);
+        pixel_map_finish(&calibration->pixels);
         black_level_finish(&calibration->black);
     }
 }

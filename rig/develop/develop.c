@@ -16,6 +16,12 @@ static const double colour_limit = 1e-3;
 /* A pedestal below so many deviations of the read noise cuts off its lower end. */
 static const double pedestal_deviations = 2;
 
+/* A pitch that is wrong by 1 % makes a material as wrong in size, which no picture of it shows. */
+static const double pitch_limit = 0.01;
+
+/* The same for points that are not square. */
+static const double square_limit = 0.02;
+
 static double now_seconds(void)
 {
     struct clock clock = clock_monotonic();
@@ -90,6 +96,39 @@ static void fill_report(const struct development *development)
     report->dots_seconds = calibration->dots_seconds;
 }
 
+/* What the target says of the pitch, and whether the station file agrees. */
+static int find_pitch(const struct develop_options *options, struct progress *progress,
+                      struct nacre_scan_info *info, struct develop_report *report,
+                      struct nacre_error *error)
+{
+    struct target_report *target = &report->target;
+    report->pitch_mm = info->pitch_mm;
+    if (!options->target) {
+        return NACRE_OK;
+    }
+    int status =
+        target_measure(options->target, options->target_spacing_mm, progress, target, error);
+    if (status != NACRE_OK) {
+        return status;
+    }
+    double off = target->pitch_mm / info->pitch_mm - 1;
+    if (fabs(off) > fmax(pitch_limit, 5 * target->doubt)) {
+        warnings_add(&report->warnings,
+                     "the target says that surface points are %.4g mm apart, the station file %.4g "
+                     "mm; the scan has the target's; put pitch_mm right",
+                     target->pitch_mm, info->pitch_mm);
+    }
+    if (fabs(target->across / target->down - 1) > square_limit || target->uneven > square_limit) {
+        warnings_add(&report->warnings,
+                     "surface points are %.4g mm apart along rows and %.4g mm along columns, and "
+                     "vary by %.2g %% over the region: a scan has one pitch for all; turn the "
+                     "projector square to the stage",
+                     target->across, target->down, 100 * target->uneven);
+    }
+    info->pitch_mm = report->pitch_mm = target->pitch_mm;
+    return NACRE_OK;
+}
+
 /* What can be said before anything is developed. */
 static void warn_of_settings(const struct session *session, struct warnings *warnings)
 {
@@ -157,6 +196,8 @@ int develop_session(const char *session_path, const struct develop_options *opti
     struct visit_progress visits = {.progress = progress};
     struct development development = {
         .session = &session, .calibration = &calibration, .progress = &visits, .report = &own};
+    const struct calibrate_options calibrate_options = {options->black, options->confidence,
+                                                        options->known_pixels, options->pixels};
     double began = now_seconds();
     int status = session_open(session_path, &session, error);
     if (status != NACRE_OK) {
@@ -168,7 +209,7 @@ int develop_session(const char *session_path, const struct develop_options *opti
         goto out;
     }
     visits.total = count_patterns(&session);
-    status = calibrate(&session, options->black, options->confidence, &visits, &calibration, error);
+    status = calibrate(&session, &calibrate_options, &visits, &calibration, error);
     if (status != NACRE_OK) {
         goto out;
     }
@@ -178,6 +219,10 @@ int develop_session(const char *session_path, const struct develop_options *opti
         goto out;
     }
     describe(&session, options, own.demosaic, calibration.flat.channels, &development.info);
+    status = find_pitch(options, progress, &development.info, &own, error);
+    if (status != NACRE_OK) {
+        goto out;
+    }
     status = development_measure_noise(&development, error);
     if (status != NACRE_OK) {
         goto out;

@@ -9,6 +9,7 @@
 #include "rig/develop/black.h"
 #include "rig/develop/linearity.h"
 #include "rig/develop/resample.h"
+#include "rig/develop/target.h"
 #include "rig/develop/warnings.h"
 
 #include <stdbool.h>
@@ -28,6 +29,11 @@ struct develop_options {
     enum nacre_pixel store; /* NACRE_FLOAT or NACRE_HALF */
     enum flat_mode flat;
     bool resume; /* go on with what a stopped development of the same output left beside it */
+    const char *pixels;       /* where the map of pixels is written; may be NULL */
+    const char *known_pixels; /* a map of pixels that are not to be trusted either; may be NULL */
+    const char
+        *target; /* session that shows a target of dots in place of the sample; may be NULL */
+    double target_spacing_mm; /* between those dots */
 };
 
 struct develop_report {
@@ -55,6 +61,8 @@ struct develop_report {
     double pulse_error;   /* its colour error; 0: none was measured, or none is wrong */
     struct linearity_report linearity;
     struct align_report align;
+    double pitch_mm; /* between surface points, as the scan has it */
+    struct target_report target;
     double white_seconds, black_seconds, dots_seconds, map_seconds, grid_seconds, total_seconds;
     struct warnings warnings;
 };

@@ -176,18 +176,56 @@ static int median_area(const struct blobs *blobs, size_t *area, struct nacre_err
     return NACRE_OK;
 }
 
+/* The mean of the pixels around a gap of one or two, NaN where it is no such gap but the border of what is measured. */
+static float mean_around(const float *lit, int width, int height, int x, int y)
+{
+    float sum = 0;
+    int count = 0;
+    for (int k = 0; k < 9; k++) {
+        int nx = x + k % 3 - 1;
+        int ny = y + k / 3 - 1;
+        if (nx >= 0 && nx < width && ny >= 0 && ny < height) {
+            float value = lit[(size_t)ny * (size_t)width + (size_t)nx];
+            sum += isnan(value) ? 0 : value;
+            count += isnan(value) ? 0 : 1;
+        }
+    }
+    return count >= 5 ? sum / (float)count : NAN;
+}
+
+/* A copy without the gaps that lone defect pixels leave: a dot near one would be lost for it. Where the dot is even, and
+ * beside it, the copy is right; on its edge the centre moves by a part of what one pixel of the dot weighs. NULL: no
+ * memory. */
+static float *mend(const float *lit, int width, int height)
+{
+    size_t pixels = (size_t)width * (size_t)height;
+    float *mended = malloc((pixels ? pixels : 1) * sizeof *mended);
+    for (size_t i = 0; mended && i < pixels; i++) {
+        mended[i] = isnan(lit[i]) ? mean_around(lit, width, height, (int)(i % (size_t)width),
+                                                (int)(i / (size_t)width))
+                                  : lit[i];
+    }
+    return mended;
+}
+
 int dots_find(const float *lit, int width, int height, double share, struct dots *dots,
               struct nacre_error *error)
 {
     struct blobs blobs = {0};
     float level = 0;
     size_t typical = 0;
+    int status = NACRE_OK;
+    float *mended = mend(lit, width, height);
     *dots = (struct dots){0};
-    int status = bright_level(lit, (size_t)width * (size_t)height, share, &level, error);
+    if (!mended) {
+        status = nacre_fail_memory(error, "a dots pattern");
+        goto out;
+    }
+    status = bright_level(mended, (size_t)width * (size_t)height, share, &level, error);
     if (status != NACRE_OK || !(level > 0)) {
         goto out;
     }
-    status = find_blobs(lit, level, width, height, &blobs, error);
+    status = find_blobs(mended, level, width, height, &blobs, error);
     if (status != NACRE_OK || blobs.count == 0) {
         goto out;
     }
@@ -201,13 +239,14 @@ int dots_find(const float *lit, int width, int height, double share, struct dots
         goto out;
     }
     for (size_t i = 0; i < blobs.count; i++) {
-        struct point centre = centroid(lit, width, height, &blobs.list[i]);
+        struct point centre = centroid(mended, width, height, &blobs.list[i]);
         bool usual = 5 * blobs.list[i].area >= 2 * typical && 2 * blobs.list[i].area <= 5 * typical;
         if (usual && !isnan(centre.x) && !isnan(centre.y)) {
             dots->centres[dots->count++] = centre;
         }
     }
 out:
+    free(mended);
     free(blobs.list);
     return status;
 }

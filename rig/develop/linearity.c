@@ -1,4 +1,5 @@
-/* Whether each pixel answers in proportion to light: a linear regression over the exposures of the white frames. */
+/* Whether each pixel answers in proportion to light: a linear regression over the exposures of the white frames, and
+ * whether it counts without light: the same over those of the black frames. */
 #include "rig/develop/linearity.h"
 
 #include "rig/develop/flat.h"
@@ -14,6 +15,9 @@ static const double dead_share = 0.25;
 /* Whether the neighbours get light at all: their share of the colour's upper level. */
 static const double lit_share = 0.1;
 static const double noisy_ratio = 25; /* of variances */
+
+/* Standard errors that make something certain: 1 in 3.5 million pixels passes 5 by chance, less than one a frame. */
+static const double certain = 5;
 
 int linearity_init(struct linearity *linearity, size_t pixels, struct nacre_error *error)
 {
@@ -147,11 +151,16 @@ static int common_spread(const struct linearity *linearity, double *median,
     return NACRE_OK;
 }
 
-/* Lower quartile of the measured pixels of the same colour around (x, y), itself left out: dark as soon as the border of
- * the lit area is near, where a pixel may be dark by right. */
-static double neighbour_level(const float *values, int width, int height, enum bayer bayer, int x,
-                              int y)
+/* The value that a share of the measured pixels of the same colour around `pixel`, itself left out, stay below; 0 where
+ * there is none. */
+static double neighbour_level(const float *values, const struct pixel_map *map, size_t pixel,
+                              double share)
 {
+    int width = map->width;
+    int height = map->height;
+    int x = (int)(pixel % (size_t)width);
+    int y = (int)(pixel / (size_t)width);
+    enum bayer bayer = map->bayer;
     double around[(2 * REACH + 1) * (2 * REACH + 1)];
     size_t count = 0;
     for (int ny = y - REACH; ny <= y + REACH; ny++) {
@@ -167,7 +176,7 @@ static double neighbour_level(const float *values, int width, int height, enum b
         }
     }
     qsort(around, count, sizeof *around, compare_doubles);
-    return count ? around[count / 4] : 0;
+    return count ? around[(size_t)((double)count * share)] : 0;
 }
 
 static double largest_deviation(const struct linearity *linearity)
@@ -185,34 +194,183 @@ static double largest_deviation(const struct linearity *linearity)
     return used > 1 ? deviation : NAN;
 }
 
-int linearity_judge(const struct linearity *linearity, const float *white, const float *black,
-                    const float *predicted, int width, int height, enum bayer bayer, bool *defect,
-                    struct linearity_report *report, struct nacre_error *error)
+/* What the regression over black frames says of each pixel. */
+struct darkness {
+    float *slope, *offset; /* NaN where not known */
+    float *slope_error, *offset_error;
+};
+
+/* How much larger the variance of a mean over all frames is than if their errors were independent: rounding is the same
+ * in every frame, unless other noise is there to shake it. */
+static double common_error(const struct linearity *black, const struct noise_model *noise,
+                           size_t pixel)
 {
-    double common = 1;
-    double levels[3];
-    int status = common_spread(linearity, &common, error);
-    if (status == NACRE_OK) {
-        status = flat_levels(white, width, height, bayer, levels, error);
+    double frames =
+        (double)black->count[pixel] / (double)(black->exposure_count ? black->exposure_count : 1);
+    double rounding = 1.0 / 12 / (noise->read_noise * noise->read_noise + 1.0 / 12);
+    return 1 + fmax(frames - 1, 0) * rounding;
+}
+
+static int darkness_init(struct darkness *darkness, const struct linearity *black,
+                         const struct noise_model *noise, struct nacre_error *error)
+{
+    size_t pixels = black->pixels;
+    float *planes = malloc((pixels ? pixels : 1) * 4 * sizeof *planes);
+    if (!planes) {
+        (void)nacre_fail_memory(error, "the pixels' darkness");
+        return NACRE_FAILED;
     }
-    *report = (struct linearity_report){.deviation = largest_deviation(linearity)};
-    for (size_t i = 0; status == NACRE_OK && i < linearity->pixels; i++) {
-        int x = (int)(i % (size_t)width);
-        int y = (int)(i / (size_t)width);
+    *darkness =
+        (struct darkness){planes, planes + pixels, planes + 2 * pixels, planes + 3 * pixels};
+    for (size_t i = 0; i < pixels; i++) {
+        const double *sums = black->sums + SUMS * i;
         double slope;
         double offset;
         double chi;
         int freedom;
-        linearity_line(linearity, i, &slope, &offset, &chi, &freedom);
-        double usual = neighbour_level(white, width, height, bayer, x, y);
-        bool dead = usual > lit_share * levels[bayer_channel(bayer, x, y)] &&
-                    !(white[i] >= dead_share * usual);
-        bool bent = freedom > 0 && chi > common * chi_squared_limit(freedom);
-        bool noisy = black && predicted && black[i] > noisy_ratio * predicted[i];
-        report->dead += dead ? 1 : 0;
-        report->nonlinear += bent && !dead ? 1 : 0;
-        report->noisy += noisy && !dead && !bent ? 1 : 0;
-        defect[i] = dead || bent || noisy;
+        linearity_line(black, i, &slope, &offset, &chi, &freedom);
+        double spread = sums[TIMES2] - sums[TIMES] * sums[TIMES] / sums[WEIGHT];
+        darkness->slope[i] = (float)slope;
+        darkness->offset[i] = (float)offset;
+        /* Weights are inverse variances. */
+        double common = common_error(black, noise, i);
+        darkness->slope_error[i] = (float)sqrt(common / spread);
+        darkness->offset_error[i] = (float)sqrt(common * sums[TIMES2] / (sums[WEIGHT] * spread));
     }
+    return NACRE_OK;
+}
+
+/* Dark counts a second that are as noisy in the longest exposure as all else is in the dark; without known shot noise, as
+ * large as `certain` deviations of that. */
+static double hot_limit(const struct linearity_evidence *evidence)
+{
+    const struct noise_model *noise = evidence->noise;
+    double floor_variance = noise->read_noise * noise->read_noise + 1.0 / 12;
+    double counts =
+        noise->electrons > 0 ? floor_variance * noise->electrons : certain * sqrt(floor_variance);
+    return counts / evidence->longest_seconds;
+}
+
+/* The light that a dark projector pixel still gives, for white's: what 95 % of the lit pixels stay below; 0 where nothing
+ * is known. */
+static int find_leak(const struct darkness *darkness, const float *white, size_t pixels,
+                     const struct pixel_map *map, const double levels[3], double *leak,
+                     struct nacre_error *error)
+{
+    size_t count = 0;
+    double *ratios = malloc((pixels ? pixels : 1) * sizeof *ratios);
+    if (!ratios) {
+        return nacre_fail_memory(error, "the pixels' darkness");
+    }
+    for (size_t i = 0; i < pixels; i++) {
+        int channel =
+            bayer_channel(map->bayer, (int)(i % (size_t)map->width), (int)(i / (size_t)map->width));
+        if ((double)white[i] > lit_share * levels[channel] && !isnan(darkness->slope[i])) {
+            ratios[count++] =
+                (double)darkness->slope[i] /
+                fmax((double)white[i] - (double)darkness->slope[i], (double)white[i] / 10);
+        }
+    }
+    qsort(ratios, count, sizeof *ratios, compare_doubles);
+    *leak = count ? fmax(ratios[count * 95 / 100], 0) : 0;
+    free(ratios);
+    return NACRE_OK;
+}
+
+/* Counts in the dark as much beyond the light that is there as that and all other noise amount to: `limit` stands for the
+ * latter. The light is what three quarters of its neighbours stay below, or what its white foretells: the former fails at
+ * the corners of the lit area, the latter beside it. */
+static bool is_hot(const struct darkness *darkness, const struct pixel_map *map, size_t pixel,
+                   double foretold, double limit)
+{
+    double slope = (double)darkness->slope[pixel];
+    if (!(slope > limit)) {
+        return false;
+    }
+    double light = fmax(neighbour_level(darkness->slope, map, pixel, 0.75), 0);
+    light = foretold > light ? foretold : light; /* white may be NaN */
+    double excess = slope - light;
+    return excess > limit + light && excess > certain * (double)darkness->slope_error[pixel];
+}
+
+static bool is_displaced(const struct darkness *darkness, const struct pixel_map *map, size_t pixel,
+                         double deviation)
+{
+    double limit = deviation + certain * (double)darkness->offset_error[pixel];
+    double usual = fabs((double)darkness->offset[pixel]) > limit / 2
+                       ? neighbour_level(darkness->offset, map, pixel, 0.5)
+                       : 0;
+    return fabs((double)darkness->offset[pixel] - usual) > limit;
+}
+
+/* Off its line by more than chance. */
+static bool is_bent(const struct linearity *white, double common, struct pixel_map *map,
+                    size_t pixel)
+{
+    double slope;
+    double offset;
+    double chi;
+    int freedom;
+    linearity_line(white, pixel, &slope, &offset, &chi, &freedom);
+    map->slope[pixel] = (float)slope;
+    map->offset[pixel] = (float)offset;
+    return freedom > 0 && chi > common * chi_squared_limit(freedom);
+}
+
+/* Answers far less than its neighbours, where these see the lit area: their lower quartile is dark as soon as its border
+ * is near, where a pixel may be dark by right. */
+static bool is_dead(const float *white, const struct pixel_map *map, size_t pixel,
+                    const double levels[3])
+{
+    int channel = bayer_channel(map->bayer, (int)(pixel % (size_t)map->width),
+                                (int)(pixel / (size_t)map->width));
+    double usual = neighbour_level(white, map, pixel, 0.25);
+    return usual > lit_share * levels[channel] && !((double)white[pixel] >= dead_share * usual);
+}
+
+int linearity_judge(const struct linearity_evidence *evidence, struct pixel_map *map,
+                    struct linearity_report *report, struct nacre_error *error)
+{
+    const struct linearity *white = evidence->white;
+    const struct noise_model *noise = evidence->noise;
+    struct darkness darkness = {0};
+    double deviation = sqrt(noise->read_noise * noise->read_noise + 1.0 / 12);
+    double common = 1;
+    double leak = 0;
+    double levels[3];
+    int status = common_spread(white, &common, error);
+    if (status == NACRE_OK) {
+        status =
+            flat_levels(evidence->mean_white, map->width, map->height, map->bayer, levels, error);
+    }
+    if (status == NACRE_OK) {
+        status = darkness_init(&darkness, evidence->black, noise, error);
+    }
+    if (status == NACRE_OK) {
+        status = find_leak(&darkness, evidence->mean_white, evidence->black->pixels, map, levels,
+                           &leak, error);
+    }
+    for (size_t i = 0; status == NACRE_OK && i < white->pixels; i++) {
+        bool known = i < evidence->black->pixels && !isnan(darkness.slope[i]);
+        /* What a pixel counts in the dark it counts in white frames too. */
+        double foretold =
+            known ? leak * ((double)evidence->mean_white[i] - (double)darkness.slope[i]) : 0;
+        bool bent = is_bent(white, common, map, i);
+        map->dark[i] = known ? darkness.slope[i] : NAN;
+        map->classes[i] =
+            is_dead(evidence->mean_white, map, i, levels)                       ? PIXEL_DEAD
+            : known && is_hot(&darkness, map, i, foretold, hot_limit(evidence)) ? PIXEL_HOT
+            : bent || (known && is_displaced(&darkness, map, i, deviation))     ? PIXEL_NONLINEAR
+            : evidence->black_variance && evidence->black_variance[i] >
+                                              (float)noisy_ratio * evidence->foretold_variance[i]
+                ? PIXEL_NOISY
+                : PIXEL_GOOD;
+    }
+    *report = (struct linearity_report){.dead = pixel_map_count(map, PIXEL_DEAD),
+                                        .hot = pixel_map_count(map, PIXEL_HOT),
+                                        .nonlinear = pixel_map_count(map, PIXEL_NONLINEAR),
+                                        .noisy = pixel_map_count(map, PIXEL_NOISY),
+                                        .deviation = largest_deviation(white)};
+    free(darkness.slope);
     return status;
 }

@@ -131,7 +131,8 @@ static struct stages time_grids(const char *path)
     struct stages stages = {0};
     struct visit_progress progress = {NULL, 0, 1};
     must(session_open(path, &session, &error));
-    must(calibrate(&session, BLACK_SUBTRACT, 0.99, &progress, &calibration, &error));
+    const struct calibrate_options levels = {.black = BLACK_SUBTRACT, .confidence = 0.99};
+    must(calibrate(&session, &levels, &progress, &calibration, &error));
     must(resampler_new(&calibration.flat, &calibration.map, session.station.sample.width,
                        session.station.sample.height, DEMOSAIC_FIT, &resampler, &error));
     for (int n = 0; n < plan_pattern_count(&session.plan, PATTERN_GRID); n++) {
@@ -174,8 +175,11 @@ static bool print_stages(const struct stages *stages)
 int main(void)
 {
     char folder[] = "/tmp/nacre-bench-XXXXXX";
-    struct develop_options options = {BLACK_SUBTRACT, 0.99, DEMOSAIC_FIT, NACRE_FLOAT,
-                                      FLAT_SEPARATE};
+    struct develop_options options = {.black = BLACK_SUBTRACT,
+                                      .confidence = 0.99,
+                                      .demosaic = DEMOSAIC_FIT,
+                                      .store = NACRE_FLOAT,
+                                      .flat = FLAT_SEPARATE};
     struct develop_report report;
     struct rusage usage;
     if (!mkdtemp(folder)) {

@@ -135,8 +135,11 @@ static struct develop_report develop_by(const struct develop_options *options)
 
 static struct develop_report develop(enum demosaic demosaic)
 {
-    struct develop_options options = {BLACK_SUBTRACT, 0.99,          demosaic,
-                                      NACRE_FLOAT,    FLAT_SEPARATE, false};
+    struct develop_options options = {.black = BLACK_SUBTRACT,
+                                      .confidence = 0.99,
+                                      .demosaic = demosaic,
+                                      .store = NACRE_FLOAT,
+                                      .flat = FLAT_SEPARATE};
     return develop_by(&options);
 }
 
@@ -334,8 +337,11 @@ static struct dim look_at_dim_entries(int window)
 
 static void dynamic_range_of_10000_is_kept(void)
 {
-    struct develop_options subtract = {BLACK_SUBTRACT, 0.99,       DEMOSAIC_FIT,
-                                       NACRE_FLOAT,    FLAT_PAPER, false};
+    struct develop_options subtract = {.black = BLACK_SUBTRACT,
+                                       .confidence = 0.99,
+                                       .demosaic = DEMOSAIC_FIT,
+                                       .store = NACRE_FLOAT,
+                                       .flat = FLAT_PAPER};
     struct develop_options clip = subtract;
     clip.black = BLACK_CLIP;
     plan = pilot_text; /* so far apart that no neighbour's light falls on dim entries */
@@ -361,8 +367,11 @@ static void falloff_taken_where_light_enters_beats_the_papers_way(void)
     /* A projector that loses half its light towards the corners, and a camera without noise: the error that is left is
      * the virtual camera's 0.7 % (above) and, the paper's way, E(x_i) / E(x_o). */
     double scale;
-    struct develop_options paper = {BLACK_SUBTRACT, 0.99,       DEMOSAIC_FIT,
-                                    NACRE_FLOAT,    FLAT_PAPER, false};
+    struct develop_options paper = {.black = BLACK_SUBTRACT,
+                                    .confidence = 0.99,
+                                    .demosaic = DEMOSAIC_FIT,
+                                    .store = NACRE_FLOAT,
+                                    .flat = FLAT_PAPER};
     struct develop_options separate = paper;
     separate.flat = FLAT_SEPARATE;
     scan(silent, 0.5, 1.5);

@@ -47,8 +47,11 @@ static struct made_station station_of(int bits, enum bayer bayer)
 static void develop(int bits, enum bayer bayer, enum demosaic demosaic, double limit)
 {
     struct made_station station = station_of(bits, bayer);
-    struct develop_options options = {BLACK_SUBTRACT, 0.99,       demosaic,
-                                      NACRE_FLOAT,    FLAT_PAPER, false};
+    struct develop_options options = {.black = BLACK_SUBTRACT,
+                                      .confidence = 0.99,
+                                      .demosaic = demosaic,
+                                      .store = NACRE_FLOAT,
+                                      .flat = FLAT_PAPER};
     struct develop_report report;
     struct nacre_error error = {""};
     char name[64];

@@ -21,8 +21,11 @@ static const char plan_text[] = "seed: 5\nblack_frames: 10\nwhite_frames: 3\ndot
 enum { SPACING = 7, GRIDS = SPACING * SPACING };
 
 /* The made material is not reciprocal: its fall-off cannot be told from it. */
-static const struct develop_options usual = {BLACK_SUBTRACT, 0.99,       DEMOSAIC_AUTO,
-                                             NACRE_FLOAT,    FLAT_PAPER, false};
+static const struct develop_options usual = {.black = BLACK_SUBTRACT,
+                                             .confidence = 0.99,
+                                             .demosaic = DEMOSAIC_AUTO,
+                                             .store = NACRE_FLOAT,
+                                             .flat = FLAT_PAPER};
 static struct made_station station;
 static char *folder, *session_path, *scan_path;
 static struct nacre_error error;

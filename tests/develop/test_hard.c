@@ -18,8 +18,11 @@
 enum { DOTS = 4 };
 
 static const char plan_text[] = PLAN("5", "[1, 4, 16, 64]");
-static const struct develop_options usual = {BLACK_SUBTRACT, 0.99,       DEMOSAIC_FIT,
-                                             NACRE_FLOAT,    FLAT_PAPER, false};
+static const struct develop_options usual = {.black = BLACK_SUBTRACT,
+                                             .confidence = 0.99,
+                                             .demosaic = DEMOSAIC_FIT,
+                                             .store = NACRE_FLOAT,
+                                             .flat = FLAT_PAPER};
 static struct made_station station;
 static struct develop_report report;
 static struct nacre_error error;

@@ -11,12 +11,12 @@ enum { WIDTH = 60, HEIGHT = 50, PIXELS = WIDTH * HEIGHT, EXPOSURES = 3, FRAMES =
 static const struct noise_model noise = {20, 1, 10};
 static struct exposure exposures[EXPOSURES];
 static struct pattern_frames frames;
-static struct linearity linearity;
+static struct linearity linearity, dark_linearity;
+static struct pixel_map map;
 static struct linearity_report report;
 static struct nacre_error error;
 static float white[PIXELS], black[PIXELS], predicted[PIXELS];
-static double light[PIXELS], bend[PIXELS], offset[PIXELS];
-static bool defect[PIXELS];
+static double light[PIXELS], bend[PIXELS], offset[PIXELS], dark[PIXELS];
 
 void setUp(void)
 {
@@ -32,55 +32,75 @@ void setUp(void)
     }
     for (int i = 0; i < PIXELS; i++) {
         light[i] = 150000 * (1 - 0.003 * (i % WIDTH));
-        bend[i] = offset[i] = 0;
+        bend[i] = offset[i] = dark[i] = 0;
         black[i] = predicted[i] = 1;
     }
     TEST_ASSERT_EQUAL_INT(NACRE_OK, linearity_init(&linearity, PIXELS, &error));
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, linearity_init(&dark_linearity, PIXELS, &error));
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, pixel_map_init(&map, WIDTH, HEIGHT, frames.bayer, &error));
 }
 
 void tearDown(void)
 {
     linearity_finish(&linearity);
+    linearity_finish(&dark_linearity);
+    pixel_map_finish(&map);
     for (int e = 0; e < EXPOSURES; e++) {
         free(exposures[e].raw);
     }
 }
 
-/* Take white frames and judge the pixels. */
+/* Expose once at every time; `lamp` is the share of the light. */
+static void expose(struct made_random *random, double flicker, double lamp)
+{
+    for (int e = 0; e < EXPOSURES; e++) {
+        double lit = lamp * (1 + flicker * made_normal(random));
+        for (int i = 0; i < PIXELS; i++) {
+            double value = (light[i] * lit + dark[i]) * (double)exposures[e].exposure_ns * 1e-9;
+            value -= bend[i] * value * value;
+            value = made_poisson(random, value * noise.electrons) / noise.electrons;
+            value += offset[i] + noise.pedestal + made_normal(random);
+            exposures[e].raw[i] = (uint16_t)fmin(fmax(floor(value + 0.5), 0), 1023);
+        }
+    }
+}
+
+/* Take white and black frames and judge the pixels. */
 static void judge(double flicker)
 {
     struct made_random random = {31};
     static double mean[PIXELS];
+    static float radiance[PIXELS];
     for (int i = 0; i < PIXELS; i++) {
         mean[i] = 0;
     }
     for (int n = 0; n < FRAMES; n++) {
-        static float radiance[PIXELS];
-        for (int e = 0; e < EXPOSURES; e++) {
-            double lamp = 1 + flicker * made_normal(&random);
-            for (int i = 0; i < PIXELS; i++) {
-                double value = light[i] * lamp * (double)exposures[e].exposure_ns * 1e-9;
-                value -= bend[i] * value * value;
-                value = made_poisson(&random, value * noise.electrons) / noise.electrons;
-                value += offset[i] + noise.pedestal + made_normal(&random);
-                exposures[e].raw[i] = (uint16_t)fmin(fmax(floor(value + 0.5), 0), 1023);
-            }
-        }
+        expose(&random, flicker, 1);
         (void)hdr_merge(&frames, &noise, radiance, NULL);
         linearity_add(&linearity, &frames, &noise, radiance);
         for (int i = 0; i < PIXELS; i++) {
             mean[i] += (double)radiance[i] / FRAMES;
             white[i] = (float)mean[i];
         }
+        expose(&random, flicker, 0);
+        (void)hdr_merge(&frames, &noise, radiance, NULL);
+        linearity_add(&dark_linearity, &frames, &noise, radiance);
     }
-    TEST_ASSERT_EQUAL_INT(NACRE_OK, linearity_judge(&linearity, white, black, predicted, WIDTH,
-                                                    HEIGHT, frames.bayer, defect, &report, &error));
+    const struct linearity_evidence evidence = {.white = &linearity,
+                                                .black = &dark_linearity,
+                                                .noise = &noise,
+                                                .longest_seconds = 1e-3 * (1 << (EXPOSURES - 1)),
+                                                .mean_white = white,
+                                                .black_variance = black,
+                                                .foretold_variance = predicted};
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, linearity_judge(&evidence, &map, &report, &error));
 }
 
 static void good_sensor_has_no_defects(void)
 {
     judge(0);
     TEST_ASSERT_EQUAL_UINT(0, report.dead);
+    TEST_ASSERT_EQUAL_UINT(0, report.hot);
     TEST_ASSERT_EQUAL_UINT(0, report.nonlinear);
     TEST_ASSERT_EQUAL_UINT(0, report.noisy);
     /* 3,000 pixels and 5 frames know the mean of an exposure to some 10^-4. */
@@ -102,23 +122,52 @@ static void line_has_the_slope_of_the_light_and_the_offset_of_the_pixel(void)
     TEST_ASSERT_DOUBLE_WITHIN(0.03 * light[1234], light[1234], slope);
 }
 
+static void expect_class(int x, int y, enum pixel_class wanted)
+{
+    TEST_ASSERT_EQUAL_STRING(pixel_class_names[wanted],
+                             pixel_class_names[map.classes[y * WIDTH + x]]);
+}
+
 static void defects_are_found_and_nothing_else(void)
 {
     light[10 * WIDTH + 20] = 0;
     light[30 * WIDTH + 40] *= 0.1;
     bend[20 * WIDTH + 30] = 8e-4; /* half the light is lost at the top of the range */
     black[40 * WIDTH + 7] = 40;
+    /* The limit is (1 + 1/12) 10 / 4 ms = 2,708 a second. 5 frames know a slope to 1.04 / sqrt(5 (1 + 4 + 16 - 49 / 3) ms^2)
+     * = 215, and shot noise of the dark counts adds a quarter: twice the limit is 10 of these above it, half 6 below. */
+    dark[15 * WIDTH + 25] = 2 * 2708;
+    dark[15 * WIDTH + 35] = 2708 / 2.0;
+    /* An offset is known to 1.04 sqrt(21 / (5 (63 - 49))) = 0.57, or as rounding may be alike in all frames
+     * (1 + 4 / 13) to 0.65: beyond 1.04 + 5 * 0.65 = 4.3. */
+    offset[45 * WIDTH + 50] = 8;
+    offset[45 * WIDTH + 40] = 0.5;
     judge(0);
     TEST_ASSERT_EQUAL_UINT(2, report.dead);
-    TEST_ASSERT_EQUAL_UINT(1, report.nonlinear);
+    TEST_ASSERT_EQUAL_UINT(1, report.hot);
+    TEST_ASSERT_EQUAL_UINT(2, report.nonlinear);
     TEST_ASSERT_EQUAL_UINT(1, report.noisy);
-    size_t marked = 0;
+    expect_class(20, 10, PIXEL_DEAD);
+    expect_class(40, 30, PIXEL_DEAD);
+    expect_class(30, 20, PIXEL_NONLINEAR);
+    expect_class(7, 40, PIXEL_NOISY);
+    expect_class(25, 15, PIXEL_HOT);
+    expect_class(50, 45, PIXEL_NONLINEAR);
+    TEST_ASSERT_EQUAL_UINT(PIXELS - 6, pixel_map_count(&map, PIXEL_GOOD));
+    TEST_ASSERT_DOUBLE_WITHIN(5 * 270, dark[15 * WIDTH + 25], (double)map.dark[15 * WIDTH + 25]);
+}
+
+static void light_that_is_everywhere_is_not_hot(void)
+{
+    /* A projector's black, ten times the limit: what neighbours have too is no defect. */
     for (int i = 0; i < PIXELS; i++) {
-        marked += defect[i] ? 1 : 0;
+        dark[i] = 27080 * (1 - 0.003 * (i % WIDTH));
     }
-    TEST_ASSERT_EQUAL_UINT(4, marked);
-    TEST_ASSERT_TRUE(defect[10 * WIDTH + 20] && defect[30 * WIDTH + 40] &&
-                     defect[20 * WIDTH + 30] && defect[40 * WIDTH + 7]);
+    dark[15 * WIDTH + 25] += 15 * 2708; /* beyond limit and twice the light */
+    dark[15 * WIDTH + 35] += 5 * 2708;  /* below that */
+    judge(0);
+    TEST_ASSERT_EQUAL_UINT(1, report.hot);
+    expect_class(25, 15, PIXEL_HOT);
 }
 
 static void flickering_lamp_is_not_taken_for_bad_pixels(void)
@@ -169,6 +218,7 @@ int main(void)
     RUN_TEST(good_sensor_has_no_defects);
     RUN_TEST(line_has_the_slope_of_the_light_and_the_offset_of_the_pixel);
     RUN_TEST(defects_are_found_and_nothing_else);
+    RUN_TEST(light_that_is_everywhere_is_not_hot);
     RUN_TEST(flickering_lamp_is_not_taken_for_bad_pixels);
     RUN_TEST(bent_sensor_shows_in_the_deviation);
     RUN_TEST(dark_surround_is_not_dead);

@@ -23,8 +23,12 @@ static const char plan_text[] = "seed: 5\nblack_frames: 4\nwhite_frames: 2\ndot_
                                 "exposure_turns: [1, 4, 16, 64]\n";
 enum { GRIDS = 49, RESPONSE_BYTES = 3 * 7 * 7 * 4, POINTS = 20 * 16 };
 
-static const struct develop_options usual = {BLACK_SUBTRACT, 0.99,       DEMOSAIC_FIT,
-                                             NACRE_FLOAT,    FLAT_PAPER, true};
+static const struct develop_options usual = {.black = BLACK_SUBTRACT,
+                                             .confidence = 0.99,
+                                             .demosaic = DEMOSAIC_FIT,
+                                             .store = NACRE_FLOAT,
+                                             .flat = FLAT_PAPER,
+                                             .resume = true};
 static struct made_station station;
 static struct nacre_error error;
 static char *folder, *session_path, *scan_path, *work_path;
