@@ -1,0 +1,228 @@
+/* What stands behind the factorizer takes a material with a kernel per term: error, report and render, each run as a user
+ * runs it, on the small scan made by a formula, which is one such term. */
+#include "nacre/exr_file.h"
+#include "nacre/material.h"
+#include "tests/cmd/made.h"
+#include "tests/cmd/spawn.h"
+#include "tests/cmd/stations.h"
+
+#include <jansson.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unity.h>
+
+enum { POINTS = MADE_WIDTH * MADE_HEIGHT, AREA = MADE_WINDOW * MADE_WINDOW, PIXELS = 32 * 24 };
+
+static const char *nacre;
+static char *folder, *scan;
+
+void setUp(void)
+{
+}
+
+void tearDown(void)
+{
+}
+
+/* Run to a good end, saying nothing on standard error; the standard output, heap. */
+static char *run_well(const char *const *arguments)
+{
+    struct spawned run = spawn(arguments, NULL);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(0, run.status, run.errors);
+    TEST_ASSERT_EQUAL_STRING("", run.errors);
+    char *output = strdup(run.output);
+    TEST_ASSERT_NOT_NULL(output);
+    spawned_finish(&run);
+    return output;
+}
+
+#define RUN(...) run_well((const char *const[]){nacre, __VA_ARGS__, NULL})
+
+/* The response at the point with index i to itself. */
+static double centre_of(int channel, int i)
+{
+    int x = i % MADE_WIDTH, y = i / MADE_WIDTH;
+    return (double)made_response(channel, x, y, x, y);
+}
+
+/* The formula's kernel e(d), from the responses of the middle. */
+static double kernel_of(int channel, int u, int v)
+{
+    int x = MADE_WIDTH / 2, y = MADE_HEIGHT / 2;
+    int xo = x + u - MADE_WINDOW / 2, yo = y + v - MADE_WINDOW / 2;
+    return (double)made_response(channel, x, y, xo, yo) /
+           sqrt(centre_of(channel, y * MADE_WIDTH + x) * centre_of(channel, yo * MADE_WIDTH + xo));
+}
+
+/* The formula as a material: F = H = `scale` times the root of R(x, x) and the kernel e, as one term or as the paper's model
+ * with one cluster. With a centre the kernel's middle entry is a third of e's, and the plane of the centre has the rest. */
+static char *write_material(const char *name, enum nacre_layout layout, bool centre, double scale)
+{
+    bool terms = layout == NACRE_KERNEL_PER_TERM;
+    struct nacre_error error = {""};
+    struct nacre_material m = {.width = MADE_WIDTH,
+                               .height = MADE_HEIGHT,
+                               .channels = 3,
+                               .factor_channels = 3,
+                               .window = MADE_WINDOW,
+                               .terms = 1,
+                               .clusters = terms ? 0 : 1,
+                               .mixed = terms ? 0 : 1,
+                               .layout = layout,
+                               .pixel = NACRE_FLOAT,
+                               .pitch_mm = 0.5};
+    char *path = path_join(folder, name);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, nacre_material_allocate(&m, !terms, centre, &error),
+                                  error.text);
+    for (int c = 0; c < 3; c++) {
+        for (int i = 0; i < POINTS; i++) {
+            double own = centre_of(c, i);
+            m.albedo[c * POINTS + i] = 0.5f;
+            m.f[c * POINTS + i] = (float)(scale * sqrt(own));
+            if (centre) {
+                m.centre[c * POINTS + i] = (float)(own * 2 / 3);
+            }
+            if (!terms) {
+                m.h[c * POINTS + i] = m.f[c * POINTS + i];
+                m.weights[i] = 1;
+            }
+        }
+        for (int i = 0; i < AREA; i++) {
+            double share = centre && i == AREA / 2 ? 1.0 / 3 : 1;
+            m.kernels[c * AREA + i] =
+                (float)(share * kernel_of(c, i % MADE_WINDOW, i / MADE_WINDOW));
+        }
+    }
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, nacre_material_write(path, &m, &error), error.text);
+    nacre_material_finish(&m);
+    return path;
+}
+
+static double mean_of(const char *path, const char *group)
+{
+    json_error_t why;
+    char *text = RUN("error", scan, path, "--json");
+    json_t *root = json_loads(text, 0, &why);
+    TEST_ASSERT_NOT_NULL_MESSAGE(root, why.text);
+    const json_t *mean = json_object_get(json_object_get(root, group), "mean");
+    TEST_ASSERT_TRUE_MESSAGE(json_is_number(mean), group);
+    double value = json_number_value(mean);
+    json_decref(root);
+    free(text);
+    return value;
+}
+
+/* The scan's half floats are off by at most 2^-11 = 4.9e-4 of each entry, the material's floats by nothing beside that. */
+static void the_formula_as_one_term_has_no_error(void)
+{
+    char *path = write_material("terms.exr", NACRE_KERNEL_PER_TERM, true, 1);
+    TEST_ASSERT_DOUBLE_WITHIN(4.9e-4, 0, mean_of(path, "error"));
+    TEST_ASSERT_DOUBLE_WITHIN(4.9e-4, 0, mean_of(path, "error_without_centre"));
+    free(path);
+}
+
+/* F = H 1.1 times as large makes everything but the plane of the centre 1.21 times as large. At the centre that is a third:
+ * 0.07 of it. */
+static void an_error_of_one_term_is_told_with_and_without_the_centre(void)
+{
+    char *path = write_material("off.exr", NACRE_KERNEL_PER_TERM, true, 1.1);
+    double whole = mean_of(path, "error");
+    TEST_ASSERT_DOUBLE_WITHIN(1.21 * 4.9e-4, 0.21, mean_of(path, "error_without_centre"));
+    TEST_ASSERT_TRUE(whole > 0.07 && whole < 0.21);
+    free(path);
+}
+
+static void the_report_shows_the_term(void)
+{
+    char *path = write_material("terms.exr", NACRE_KERNEL_PER_TERM, true, 1);
+    char *page = path_join(folder, "terms.html");
+    size_t size = 0;
+    free(RUN("report", scan, path, "-o", page));
+    char *text = (char *)file_read(page, &size);
+    TEST_ASSERT_NOT_NULL(text);
+    TEST_ASSERT_NOT_NULL(strstr(text, "<h2>Terms</h2>"));
+    TEST_ASSERT_NOT_NULL(strstr(text, "<b>0</b>100 %"));
+    TEST_ASSERT_NOT_NULL(strstr(text, "alt=\"kernel of a term"));
+    TEST_ASSERT_NOT_NULL(strstr(text, "alt=\"plane of the centre"));
+    TEST_ASSERT_NOT_NULL(strstr(text, "one per term"));
+    free(text);
+    free(page);
+    free(path);
+}
+
+/* A picture of a slab of this material, red. */
+static struct exr_file render(const char *material, const char *name)
+{
+    struct nacre_error error = {""};
+    struct exr_file file = {0};
+    char *scene = path_join(folder, "scene.yaml"), *picture = path_join(folder, name);
+    stations_write_scene(scene, material);
+    free(RUN("render", scene, "-o", picture));
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, exr_file_read(picture, &file, &error), error.text);
+    free(scene);
+    free(picture);
+    return file;
+}
+
+/* Red of a picture of the material that was written to `path`, which is freed. */
+static double *red_of(char *path)
+{
+    struct exr_file file = render(path, "picture.exr");
+    const struct exr_plane *plane = exr_part_find_plane(&file.parts[0], "R");
+    double *red = calloc(PIXELS, sizeof *red);
+    TEST_ASSERT_TRUE(plane && red);
+    for (size_t i = 0; plane && red && i < PIXELS; i++) {
+        red[i] = (double)plane->values[i];
+    }
+    exr_file_finish(&file);
+    free(path);
+    return red;
+}
+
+/* All but the brighter one are the same responses. Held as half floats on the way, each of F, g and H may be off by 2^-11, the
+ * picture itself by as much: 2e-3 in all. Between points a centre is interpolated and F times H is the product of
+ * interpolated ones; where the formula's 0.5 meets its 0.9 they differ by 8 % of what is at most a fifth of the light:
+ * less than 1 % of the mean. */
+static void the_picture_is_that_of_the_same_responses_otherwise_written(void)
+{
+    double *terms = red_of(write_material("terms.exr", NACRE_KERNEL_PER_TERM, false, 1));
+    double *centred = red_of(write_material("centred.exr", NACRE_KERNEL_PER_TERM, true, 1));
+    double *single = red_of(write_material("single.exr", NACRE_KERNEL_SINGLE, false, 1));
+    double *bright = red_of(write_material("bright.exr", NACRE_KERNEL_PER_TERM, false, sqrt(2)));
+    double sum[3] = {0};
+    for (size_t i = 0; i < PIXELS; i++) {
+        TEST_ASSERT_DOUBLE_WITHIN(2e-3 * single[i], single[i], terms[i]);
+        sum[0] += single[i];
+        sum[1] += centred[i];
+        sum[2] += bright[i];
+    }
+    TEST_ASSERT_TRUE(sum[0] > 10 * 0.1); /* the slab is seen, on ten pixels and more */
+    TEST_ASSERT_DOUBLE_WITHIN(0.01 * sum[0], sum[0], sum[1]);
+    TEST_ASSERT_DOUBLE_WITHIN(0.02 * sum[0], 2 * sum[0], sum[2]);
+    free(terms);
+    free(centred);
+    free(single);
+    free(bright);
+}
+
+int main(int argc, char **argv)
+{
+    if (argc != 3) {
+        (void)fprintf(stderr, "usage: %s NACRE SOURCES\n", argv[0]);
+        return 2;
+    }
+    nacre = argv[1];
+    folder = folder_make();
+    scan = path_join(folder, "scan.exr");
+    made_scan_write(scan);
+    UNITY_BEGIN();
+    RUN_TEST(the_formula_as_one_term_has_no_error);
+    RUN_TEST(an_error_of_one_term_is_told_with_and_without_the_centre);
+    RUN_TEST(the_report_shows_the_term);
+    RUN_TEST(the_picture_is_that_of_the_same_responses_otherwise_written);
+    free(scan);
+    folder_remove(folder);
+    return UNITY_END();
+}
