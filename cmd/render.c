@@ -17,8 +17,8 @@
 struct render_options {
     const char *output, *pov, *material;
     double samples;
-    int rays, photons, seed, triangles;
-    bool albedo, povray_shadows;
+    int rays, photons, seed, triangles, turntable;
+    bool albedo, povray_shadows, preview;
 };
 
 static const struct option_spec options[] = {
@@ -84,6 +84,19 @@ static const struct option_spec options[] = {
      .fallback = "1",
      .offset = offsetof(struct render_options, seed),
      .sentence = "of the random numbers"},
+    {.name = "preview",
+     .kind = OPTION_FLAG,
+     .offset = offsetof(struct render_options, preview),
+     .sentence = "draw by OpenGL in memory in place of POV-Ray: quicker, with plainer shadows"},
+    {.name = "turntable",
+     .kind = OPTION_INT,
+     .argument = "N",
+     .minimum = 0,
+     .maximum = 100000,
+     .fallback = "0",
+     .unit = "frames",
+     .offset = offsetof(struct render_options, turntable),
+     .sentence = "draw this many previews all around, numbered before the ending of FILE"},
     {.name = "pov",
      .kind = OPTION_STRING,
      .argument = "DIR",
@@ -119,26 +132,40 @@ static void print_object(size_t number, const struct render_object_report *objec
     }
 }
 
-static void print_text(const char *output, const struct render_report *report)
+/* Frames a second of drawing alone; 0: POV-Ray drew. */
+static double frame_rate(const struct render_options *settings, const struct render_report *report)
+{
+    int frames = settings->turntable ? settings->turntable : settings->preview;
+    return frames ? frames / fmax(report->frame_seconds, 1e-9) : 0;
+}
+
+static void print_text(const struct render_options *settings, const struct render_report *report)
 {
     for (size_t i = 0; i < report->object_count; i++) {
         print_object(i, &report->objects[i]);
     }
-    (void)printf(
-        "time          mesh %.1f s, light %.1f s, gather %.1f s, export %.1f s, povray %.1f s\n",
-        report->mesh_seconds, report->light_seconds, report->gather_seconds, report->export_seconds,
-        report->povray_seconds);
-    (void)printf("picture       %s\n", output);
+    (void)printf("time          mesh %.1f s, light %.1f s, gather %.1f s", report->mesh_seconds,
+                 report->light_seconds, report->gather_seconds);
+    if (settings->preview || settings->turntable) {
+        (void)printf(", preview %.1f s, then %.1f frames a second\n", report->preview_seconds,
+                     frame_rate(settings, report));
+    } else {
+        (void)printf(", export %.1f s, povray %.1f s\n", report->export_seconds,
+                     report->povray_seconds);
+    }
+    (void)printf("picture       %s\n", settings->output);
 }
 
-static int print_json(const char *output, const struct render_report *report,
+static int print_json(const struct render_options *settings, const struct render_report *report,
                       struct nacre_error *error)
 {
     json_t *objects = json_array();
-    json_t *root = json_pack(
-        "{s:s, s:{s:f, s:f, s:f, s:f, s:f}, s:o}", "picture", output, "seconds", "mesh",
-        report->mesh_seconds, "light", report->light_seconds, "gather", report->gather_seconds,
-        "export", report->export_seconds, "povray", report->povray_seconds, "objects", objects);
+    json_t *root =
+        json_pack("{s:s, s:{s:f, s:f, s:f, s:f, s:f, s:f}, s:f, s:o}", "picture", settings->output,
+                  "seconds", "mesh", report->mesh_seconds, "light", report->light_seconds, "gather",
+                  report->gather_seconds, "export", report->export_seconds, "povray",
+                  report->povray_seconds, "preview", report->preview_seconds, "frames_per_second",
+                  frame_rate(settings, report), "objects", objects);
     for (size_t i = 0; root && i < report->object_count; i++) {
         const struct render_object_report *o = &report->objects[i];
         (void)json_array_append_new(
@@ -168,26 +195,76 @@ static int check_output(const char *path, struct nacre_error *error)
 }
 
 static int write_picture(const struct render_options *settings, const char *scene_path,
-                         const struct picture *picture, struct nacre_error *error)
+                         const char *path, const struct picture *picture, struct nacre_error *error)
 {
     char *scene = NULL, *how = NULL;
     int status = NACRE_FAILED;
     if (asprintf(&scene, "scene=%s", scene_path) < 0) {
         scene = NULL;
     }
-    if (asprintf(&how, "render=samples %g, rays %d, photons %d, seed %d%s", settings->samples,
+    if (asprintf(&how, "render=samples %g, rays %d, photons %d, seed %d%s%s", settings->samples,
                  settings->rays, settings->photons, settings->seed,
-                 settings->albedo ? ", albedo" : "") < 0) {
+                 settings->albedo ? ", albedo" : "",
+                 settings->preview || settings->turntable ? ", preview" : "") < 0) {
         how = NULL;
     }
     if (scene && how) {
         const char *const attributes[] = {scene, how, NULL};
-        status = picture_write(settings->output, picture, attributes, error);
+        status = picture_write(path, picture, attributes, error);
     } else {
         (void)nacre_fail_memory(error, "the picture's attributes");
     }
     free(scene);
     free(how);
+    return status;
+}
+
+/* Where frames go. */
+struct frames {
+    const struct render_options *settings;
+    const char *scene;
+};
+
+static int take_frame(void *context, int number, const struct picture *picture,
+                      struct nacre_error *error)
+{
+    const struct frames *frames = context;
+    const char *output = frames->settings->output, *ending = strrchr(output, '.');
+    char *path = NULL;
+    if (!frames->settings->turntable) {
+        return write_picture(frames->settings, frames->scene, output, picture, error);
+    }
+    if (!ending ||
+        asprintf(&path, "%.*s-%03d%s", (int)(ending - output), output, number, ending) < 0) {
+        return nacre_fail_memory(error, "the name of a frame");
+    }
+    int status = write_picture(frames->settings, frames->scene, path, picture, error);
+    free(path);
+    return status;
+}
+
+/* Render by POV-Ray or OpenGL and write what comes. */
+static int render_and_write(const struct render_options *settings, const char *path,
+                            const struct scene *scene, const struct render_settings *render,
+                            const struct opencl *opencl, struct render_report *report,
+                            struct nacre_error *error)
+{
+    struct frames frames = {settings, path};
+    struct picture picture = {0};
+    int status;
+    if (settings->preview || settings->turntable) {
+        int count = settings->turntable ? settings->turntable : 1;
+        status = render_preview(scene, render, opencl, count, take_frame, &frames, report, error);
+    } else {
+        status = render_scene(scene, render, opencl, &picture, report, error);
+    }
+    if (status == NACRE_FAILED) {
+        (void)nacre_fail_within(error, "%s", path);
+    }
+    if (status == NACRE_OK && picture.rgb) {
+        status = write_picture(settings, path, settings->output, &picture, error);
+    }
+    picture_finish(&picture);
     return status;
 }
 
@@ -197,7 +274,6 @@ static int run(const void *data, const struct invocation *invocation, struct nac
     const char *path = invocation->operands[0];
     struct scene scene = {0};
     struct opencl opencl = {0};
-    struct picture picture = {0};
     struct render_report report = {0};
     const struct render_settings render = {
         .bake = {.density = settings->samples,
@@ -210,6 +286,7 @@ static int run(const void *data, const struct invocation *invocation, struct nac
         .material = settings->material,
         .albedo = settings->albedo,
         .povray_shadows = settings->povray_shadows,
+        .turns = settings->turntable > 1,
     };
     progress_catch_signals();
     int status = check_output(settings->output, error);
@@ -222,21 +299,14 @@ static int run(const void *data, const struct invocation *invocation, struct nac
     }
     status = opencl_open(invocation->device, &opencl, error);
     if (status == NACRE_OK) {
-        status = render_scene(&scene, &render, &opencl, &picture, &report, error);
-        if (status == NACRE_FAILED) {
-            (void)nacre_fail_within(error, "%s", path);
-        }
-    }
-    if (status == NACRE_OK) {
-        status = write_picture(settings, path, &picture, error);
+        status = render_and_write(settings, path, &scene, &render, &opencl, &report, error);
     }
     if (status == NACRE_OK && invocation->json) {
-        status = print_json(settings->output, &report, error);
+        status = print_json(settings, &report, error);
     } else if (status == NACRE_OK && !invocation->quiet) {
-        print_text(settings->output, &report);
+        print_text(settings, &report);
     }
     render_report_finish(&report);
-    picture_finish(&picture);
     opencl_close(&opencl);
     scene_finish(&scene);
     return status;

@@ -17,23 +17,36 @@ struct view {
     struct vec3 position, forward;
     double pixel;      /* angle, radians */
     double cos_corner; /* of the angle to the picture's corner, with a margin */
+    bool around;       /* the camera goes round the vertical through `at` */
+    struct vec3 at;
 };
+
+/* Where the camera comes nearest to a point. */
+static struct vec3 nearest_position(const struct view *view, struct vec3 point)
+{
+    struct vec3 arm = vec3_subtract(view->position, view->at);
+    struct vec3 towards = vec3_subtract(point, view->at);
+    double radius = hypot(arm.x, arm.y), length = fmax(hypot(towards.x, towards.y), 1e-9);
+    return (struct vec3){view->at.x + towards.x / length * radius,
+                         view->at.y + towards.y / length * radius, view->position.z};
+}
 
 static double allowed_in_view(const void *context, struct vec3 a, struct vec3 b)
 {
     const struct view *view = context;
     struct vec3 middle = vec3_scale(vec3_add(a, b), 0.5);
-    struct vec3 way = vec3_subtract(middle, view->position);
+    struct vec3 way =
+        vec3_subtract(middle, view->around ? nearest_position(view, middle) : view->position);
     double distance = vec3_length(way), half = vec3_length(vec3_subtract(b, a)) / 2;
     double off = acos(fmin(fmax(vec3_dot(vec3_unit(way), view->forward), -1), 1));
     double reach = distance > half ? asin(half / distance) : 2;
-    if (off - reach > acos(view->cos_corner)) {
+    if (!view->around && off - reach > acos(view->cos_corner)) {
         return HUGE_VAL; /* out of the picture */
     }
     return fmax(distance - half, distance / 4) * view->pixel * edge_pixels;
 }
 
-int plain_refine(struct mesh *mesh, const struct scene *scene, size_t limit,
+int plain_refine(struct mesh *mesh, const struct scene *scene, bool around, size_t limit,
                  struct nacre_error *error)
 {
     const struct scene_camera *camera = &scene->camera;
@@ -47,6 +60,8 @@ int plain_refine(struct mesh *mesh, const struct scene *scene, size_t limit,
         .position = position,
         .forward = vec3_unit(vec3_subtract(vec3_from_doubles(camera->at_mm), position)),
         .pixel = 2 * half / scene->image.width,
+        .around = around,
+        .at = vec3_from_doubles(camera->at_mm),
         .cos_corner = cos(fmin(atan(half * hypot(1, aspect)) * 1.05, 1.5)),
     };
     if (mesh_subdivide(mesh, mesh_edge_even, &even, limit, &limited, error) != NACRE_OK) {

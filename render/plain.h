@@ -8,8 +8,8 @@
 #include "render/mesh.h"
 #include "render/scene.h"
 
-/* Split edges that the camera would see longer than a few pixels. */
-int plain_refine(struct mesh *mesh, const struct scene *scene, size_t limit,
+/* Split edges that the camera would see longer than a few pixels, also while it goes `around` what it looks at. */
+int plain_refine(struct mesh *mesh, const struct scene *scene, bool around, size_t limit,
                  struct nacre_error *error);
 
 /* Which light. */

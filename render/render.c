@@ -5,6 +5,7 @@
 #include "render/pov.h"
 #include "render/pov_sky.h"
 #include "render/povray.h"
+#include "render/preview.h"
 #include "render/stage.h"
 
 #include <errno.h>
@@ -148,6 +149,57 @@ out:
     }
     free(work.temporary);
     stage_finish(&work.stage);
+    return status;
+}
+
+static int draw_frames(struct preview *preview, int frames, bool quiet, render_frame_taker *take,
+                       void *context, struct render_report *report, struct nacre_error *error)
+{
+    struct progress progress = progress_begin("drawing", quiet);
+    int status = NACRE_OK;
+    for (int i = 0; i < frames && status == NACRE_OK; i++) {
+        struct picture picture = {0};
+        int64_t start = now_ns();
+        status = progress_step(&progress, i, frames, NULL, error);
+        if (status == NACRE_OK) {
+            status = preview_draw(preview, 360.0 * i / frames, &picture, error);
+        }
+        report->frame_seconds += lap(&start);
+        if (status == NACRE_OK) {
+            status = take(context, i, &picture, error);
+        }
+        picture_finish(&picture);
+    }
+    progress_end(&progress);
+    return status;
+}
+
+int render_preview(const struct scene *scene, const struct render_settings *settings,
+                   const struct opencl *opencl, int frames, render_frame_taker *take, void *context,
+                   struct render_report *report, struct nacre_error *error)
+{
+    struct stage stage = {0};
+    struct preview *preview = NULL;
+    int64_t start = now_ns();
+    *report = (struct render_report){0};
+    int status = preview_probe(error);
+    if (status == NACRE_OK) {
+        status = stage_prepare(&stage, scene, settings, report, error);
+    }
+    report->mesh_seconds = lap(&start);
+    if (status == NACRE_OK) {
+        status = stage_bake(&stage, opencl, report, error);
+    }
+    (void)lap(&start);
+    if (status == NACRE_OK) {
+        status = preview_open(&stage, frames == 1, &preview, error);
+    }
+    report->preview_seconds = lap(&start);
+    if (status == NACRE_OK) {
+        status = draw_frames(preview, frames, settings->bake.quiet, take, context, report, error);
+    }
+    preview_close(preview);
+    stage_finish(&stage);
     return status;
 }
 

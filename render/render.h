@@ -17,6 +17,7 @@ struct render_settings {
     const char *material;   /* used in place of every material file of the scene, or NULL */
     bool albedo;            /* every material in mode albedo */
     bool povray_shadows;    /* area lights on plain objects are left to POV-Ray */
+    bool turns;             /* the camera will go round: plain objects are split for all sides */
 };
 
 struct render_object_report {
@@ -29,7 +30,8 @@ struct render_object_report {
 
 struct render_report {
     double mesh_seconds, light_seconds, gather_seconds, export_seconds, povray_seconds;
-    struct render_object_report *objects; /* heap */
+    double preview_seconds, frame_seconds; /* OpenGL: to begin with, and for all frames */
+    struct render_object_report *objects;  /* heap */
     size_t object_count;
 };
 
@@ -37,6 +39,16 @@ struct render_report {
 int render_scene(const struct scene *scene, const struct render_settings *settings,
                  const struct opencl *opencl, struct picture *picture, struct render_report *report,
                  struct nacre_error *error);
+
+/* What becomes of frame `number`; a failure stops the turntable. */
+typedef int render_frame_taker(void *context, int number, const struct picture *picture,
+                               struct nacre_error *error);
+
+/* The same by OpenGL, quicker and without a window system: `frames` pictures, evenly on a circle round what the camera
+ * looks at, beginning at its own place. */
+int render_preview(const struct scene *scene, const struct render_settings *settings,
+                   const struct opencl *opencl, int frames, render_frame_taker *take, void *context,
+                   struct render_report *report, struct nacre_error *error);
 void render_report_finish(struct render_report *report);
 
 #endif

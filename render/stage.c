@@ -79,8 +79,8 @@ static int refine_plain(const struct stage *stage, struct stage_object *prepared
     if (!lights_plain(stage)) {
         return NACRE_OK;
     }
-    if (plain_refine(&prepared->mesh, stage->scene, stage->settings->triangle_limit, error) !=
-        NACRE_OK) {
+    if (plain_refine(&prepared->mesh, stage->scene, stage->settings->turns,
+                     stage->settings->triangle_limit, error) != NACRE_OK) {
         return NACRE_FAILED;
     }
     prepared->light = calloc(prepared->mesh.vertex_count + 1, sizeof *prepared->light);

@@ -1,0 +1,532 @@
+/* Drawing a lit scene by OpenGL. */
+#include "render/preview.h"
+
+#include "base/opencl.h"
+#include "render/osmesa.h"
+#include "render/view.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+extern const struct opencl_source preview_vertex_vert, preview_pixel_frag, preview_depth_frag;
+
+enum { FACES = 6, LAYERS_FINE = 8, MAP_FINE = 2048, MAP_COARSE = 1024 };
+
+/* Half extent of a map of depths at unit distance; over 1, so that reading between texels stays inside. */
+static const double map_tangent = 1.01;
+
+struct surface {
+    GLuint array, index_count;
+    bool translucent;
+    const struct scene_object *settings;
+};
+
+struct preview {
+    struct osmesa gl;
+    const struct scene *scene;
+    const struct light *lights[PREVIEW_LIGHTS_MAXIMUM]; /* in the shader's order */
+    size_t light_count;
+    int ends[3];
+    struct surface *surfaces;
+    size_t surface_count;
+    double nearest_mm, farthest_mm; /* of the scene from its farthest light or camera */
+    GLuint pixel_program, depth_program;
+    GLuint frame;
+    int scale; /* its pixels to one of the picture, in x and y */
+    GLuint maps;
+    int map_size, layer_count;
+    int layers[PREVIEW_LIGHTS_MAXIMUM][FACES];
+    float *pixels;
+};
+
+static int check_gl(const struct preview *preview, const char *action, struct nacre_error *error)
+{
+    GLenum code = preview->gl.GetError();
+    return code == GL_NO_ERROR ? NACRE_OK
+           : code == GL_OUT_OF_MEMORY
+               ? nacre_fail_memory(error, "a preview")
+               : nacre_fail(error, "cannot draw a preview: OpenGL says 0x%x when %s", code, action);
+}
+
+/* The source behind the line that tells its name, which OpenGL does not know and wants behind the version. */
+static int compile(const struct osmesa *gl, GLenum kind, const struct opencl_source *source,
+                   GLuint *shader, struct nacre_error *error)
+{
+    char message[512] = "";
+    GLint good = GL_FALSE;
+    const char **lines = calloc(source->line_count, sizeof *lines);
+    if (!lines) {
+        return nacre_fail_memory(error, "a shader");
+    }
+    for (size_t i = 0; i < source->line_count; i++) {
+        lines[i] = i ? source->lines[i] : "#version 400 core\n";
+    }
+    *shader = gl->CreateShader(kind);
+    gl->ShaderSource(*shader, (GLsizei)source->line_count, lines, NULL);
+    free(lines);
+    gl->CompileShader(*shader);
+    gl->GetShaderiv(*shader, GL_COMPILE_STATUS, &good);
+    gl->GetShaderInfoLog(*shader, sizeof message, NULL, message);
+    return good ? NACRE_OK
+                : nacre_fail(error, "cannot draw a preview: %s: %s", source->name, message);
+}
+
+static int link_program(const struct osmesa *gl, const struct opencl_source *pixels,
+                        GLuint *program, struct nacre_error *error)
+{
+    char message[512] = "";
+    GLint good = GL_FALSE;
+    GLuint shaders[2] = {0, 0};
+    int status = compile(gl, GL_VERTEX_SHADER, &preview_vertex_vert, &shaders[0], error);
+    if (status == NACRE_OK) {
+        status = compile(gl, GL_FRAGMENT_SHADER, pixels, &shaders[1], error);
+    }
+    if (status == NACRE_OK) {
+        *program = gl->CreateProgram();
+        gl->AttachShader(*program, shaders[0]);
+        gl->AttachShader(*program, shaders[1]);
+        gl->LinkProgram(*program);
+        gl->GetProgramiv(*program, GL_LINK_STATUS, &good);
+        gl->GetProgramInfoLog(*program, sizeof message, NULL, message);
+        status = good ? NACRE_OK : nacre_fail(error, "cannot draw a preview: %s", message);
+    }
+    gl->DeleteShader(shaders[0]);
+    gl->DeleteShader(shaders[1]);
+    return status;
+}
+
+/* One attribute of three floats a vertex; NULL: zeros. */
+static int upload_attribute(const struct osmesa *gl, GLuint location, const float (*values)[3],
+                            size_t count, struct nacre_error *error)
+{
+    GLuint buffer;
+    float(*zeros)[3] = values ? NULL : calloc(count, sizeof *zeros);
+    if (!values && !zeros) {
+        return nacre_fail_memory(error, "a preview");
+    }
+    gl->GenBuffers(1, &buffer);
+    gl->BindBuffer(GL_ARRAY_BUFFER, buffer);
+    gl->BufferData(GL_ARRAY_BUFFER, (GLsizeiptr)(count * sizeof *values),
+                   values ? (const void *)values : zeros, GL_STATIC_DRAW);
+    gl->EnableVertexAttribArray(location);
+    gl->VertexAttribPointer(location, 3, GL_FLOAT, GL_FALSE, 0, NULL);
+    free(zeros);
+    return NACRE_OK;
+}
+
+static int upload_surface(struct preview *preview, const struct stage_object *object,
+                          const struct scene_object *settings, struct nacre_error *error)
+{
+    const struct osmesa *gl = &preview->gl;
+    const struct mesh *mesh = &object->mesh;
+    struct surface *surface = &preview->surfaces[preview->surface_count++];
+    GLuint indices;
+    *surface = (struct surface){.index_count = (GLuint)(3 * mesh->triangle_count),
+                                .translucent = object->translucent,
+                                .settings = settings};
+    gl->GenVertexArrays(1, &surface->array);
+    gl->BindVertexArray(surface->array);
+    if (upload_attribute(gl, 0, (const float(*)[3])mesh->positions, mesh->vertex_count, error) !=
+            NACRE_OK ||
+        upload_attribute(gl, 1, (const float(*)[3])mesh->normals, mesh->vertex_count, error) !=
+            NACRE_OK ||
+        upload_attribute(gl, 2, (const float(*)[3])object->light, mesh->vertex_count, error) !=
+            NACRE_OK) {
+        return NACRE_FAILED;
+    }
+    gl->GenBuffers(1, &indices);
+    gl->BindBuffer(GL_ELEMENT_ARRAY_BUFFER, indices);
+    gl->BufferData(GL_ELEMENT_ARRAY_BUFFER,
+                   (GLsizeiptr)(mesh->triangle_count * sizeof *mesh->triangles), mesh->triangles,
+                   GL_STATIC_DRAW);
+    return check_gl(preview, "taking a mesh", error);
+}
+
+static void draw_surfaces(const struct preview *preview, bool shaded)
+{
+    const struct osmesa *gl = &preview->gl;
+    GLuint program = preview->pixel_program;
+    for (size_t i = 0; i < preview->surface_count; i++) {
+        const struct surface *surface = &preview->surfaces[i];
+        const struct scene_object *settings = surface->settings;
+        if (shaded) {
+            /* Highlights of lights that are baked are on translucent objects alone. */
+            int hard = surface->translucent && settings->gloss.specular == 0 ? 0 : 1;
+            int soft = surface->translucent && settings->gloss.specular > 0 ? 2 : 1;
+            gl->Uniform3i(gl->GetUniformLocation(program, "ends"), hard * preview->ends[0],
+                          hard * preview->ends[1], hard * preview->ends[soft]);
+            gl->Uniform1i(gl->GetUniformLocation(program, "translucent"), surface->translucent);
+            gl->Uniform3f(gl->GetUniformLocation(program, "colour"), (float)settings->color[0],
+                          (float)settings->color[1], (float)settings->color[2]);
+            gl->Uniform1f(gl->GetUniformLocation(program, "specular"),
+                          (float)settings->gloss.specular);
+            gl->Uniform1f(gl->GetUniformLocation(program, "roughness"),
+                          (float)settings->gloss.roughness);
+        }
+        gl->BindVertexArray(surface->array);
+        gl->DrawElements(GL_TRIANGLES, (GLsizei)surface->index_count, GL_UNSIGNED_INT, NULL);
+    }
+}
+
+/* The matrix of a pyramid of half extents tan_x and tan_y, by columns. */
+static void set_projection(const struct preview *preview, GLuint program, const struct view *view)
+{
+    double n = preview->nearest_mm, f = preview->farthest_mm;
+    struct vec3 rows[4] = {vec3_scale(view->right, 1 / view->tan_x),
+                           vec3_scale(view->up, 1 / view->tan_y),
+                           vec3_scale(view->forward, (f + n) / (f - n)), view->forward};
+    const double offsets[4] = {0, 0, -2 * f * n / (f - n), 0};
+    float matrix[16];
+    for (int row = 0; row < 4; row++) {
+        matrix[row] = (float)rows[row].x;
+        matrix[4 + row] = (float)rows[row].y;
+        matrix[8 + row] = (float)rows[row].z;
+        matrix[12 + row] = (float)(offsets[row] - vec3_dot(rows[row], view->position));
+    }
+    preview->gl.UniformMatrix4fv(preview->gl.GetUniformLocation(program, "projection"), 1, GL_FALSE,
+                                 matrix);
+}
+
+/* How far planes have to be apart so that nothing is cut off. */
+static void find_planes(struct preview *preview, const struct stage *stage)
+{
+    struct vec3 eye = vec3_from_doubles(preview->scene->camera.position_mm);
+    double farthest = 1;
+    for (size_t i = 0; i < preview->scene->object_count; i++) {
+        struct vec3 low, high;
+        mesh_bounds(&stage->objects[i].mesh, &low, &high);
+        for (int corner = 0; corner < 8; corner++) {
+            struct vec3 p = {corner & 1 ? high.x : low.x, corner & 2 ? high.y : low.y,
+                             corner & 4 ? high.z : low.z};
+            /* The camera goes round: it is as far as from the vertical's other side. */
+            farthest = fmax(farthest, vec3_length(p) + vec3_length(eye));
+            for (size_t l = 0; l < preview->light_count; l++) {
+                farthest =
+                    fmax(farthest, vec3_length(vec3_subtract(p, preview->lights[l]->position)));
+            }
+        }
+    }
+    preview->farthest_mm = 2 * farthest;
+    preview->nearest_mm = farthest * 1e-4;
+}
+
+/* The axes of one of the six maps round a light. */
+static struct view face_view(const struct light *light, int face)
+{
+    struct vec3 r = light->right, u = light->up, f = light->forward;
+    const struct vec3 axes[FACES][3] = {
+        {r, u, f},
+        {vec3_scale(f, -1), u, r},
+        {f, u, vec3_scale(r, -1)},
+        {r, vec3_scale(f, -1), u},
+        {r, f, vec3_scale(u, -1)},
+        {vec3_scale(r, -1), u, vec3_scale(f, -1)},
+    };
+    return (struct view){.position = light->position,
+                         .right = axes[face][0],
+                         .up = axes[face][1],
+                         .forward = axes[face][2],
+                         .tan_x = map_tangent,
+                         .tan_y = map_tangent};
+}
+
+/* Whether the light shines into one of the six directions round it. */
+static bool face_needed(const struct light *light, int face)
+{
+    double half = acos(-1.0) / 4;
+    switch (light->kind) {
+    case LIGHT_POINT:
+        return true;
+    case LIGHT_AREA:
+        return face != 5;
+    case LIGHT_SPOT:
+        return face == 0 || (face != 5 && light->cos_edge < cos(half)) || light->cos_edge < 0;
+    default:
+        return face == 0 || (face < 3 && light->tan_x > 1) ||
+               (face > 2 && face < 5 && light->tan_y > 1);
+    }
+}
+
+static int draw_maps(struct preview *preview, struct nacre_error *error)
+{
+    const struct osmesa *gl = &preview->gl;
+    GLuint frame;
+    for (size_t i = 0; i < preview->light_count; i++) {
+        for (int face = 0; face < FACES; face++) {
+            bool needed = face_needed(preview->lights[i], face);
+            preview->layers[i][face] = needed ? preview->layer_count++ : -1;
+        }
+    }
+    preview->map_size = preview->layer_count <= LAYERS_FINE ? MAP_FINE : MAP_COARSE;
+    gl->GenTextures(1, &preview->maps);
+    gl->ActiveTexture(GL_TEXTURE0);
+    gl->BindTexture(GL_TEXTURE_2D_ARRAY, preview->maps);
+    gl->TexImage3D(GL_TEXTURE_2D_ARRAY, 0, GL_DEPTH_COMPONENT32F, preview->map_size,
+                   preview->map_size, preview->layer_count > 0 ? preview->layer_count : 1, 0,
+                   GL_DEPTH_COMPONENT, GL_FLOAT, NULL);
+    gl->TexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
+    gl->TexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
+    gl->TexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
+    gl->TexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
+    gl->TexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_COMPARE_MODE, GL_COMPARE_REF_TO_TEXTURE);
+    gl->TexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_COMPARE_FUNC, GL_LEQUAL);
+    gl->GenFramebuffers(1, &frame);
+    gl->BindFramebuffer(GL_FRAMEBUFFER, frame);
+    gl->DrawBuffer(GL_NONE);
+    gl->ReadBuffer(GL_NONE);
+    gl->Viewport(0, 0, preview->map_size, preview->map_size);
+    gl->UseProgram(preview->depth_program);
+    for (size_t i = 0; i < preview->light_count; i++) {
+        for (int face = 0; face < FACES; face++) {
+            struct view view = face_view(preview->lights[i], face);
+            if (preview->layers[i][face] >= 0) {
+                gl->FramebufferTextureLayer(GL_FRAMEBUFFER, GL_DEPTH_ATTACHMENT, preview->maps, 0,
+                                            preview->layers[i][face]);
+                gl->Clear(GL_DEPTH_BUFFER_BIT);
+                set_projection(preview, preview->depth_program, &view);
+                draw_surfaces(preview, false);
+            }
+        }
+    }
+    return check_gl(preview, "drawing shadows", error);
+}
+
+/* The location of a member of the shader's lights[number]. */
+static GLint light_location(const struct preview *preview, size_t number, const char *member)
+{
+    char name[64];
+    (void)snprintf(name, sizeof name, "lights[%zu].%s", number, member);
+    return preview->gl.GetUniformLocation(preview->pixel_program, name);
+}
+
+static void set_light_vector(const struct preview *preview, size_t number, const char *member,
+                             struct vec3 v)
+{
+    preview->gl.Uniform3f(light_location(preview, number, member), (float)v.x, (float)v.y,
+                          (float)v.z);
+}
+
+/* The slides as layers of one texture, each in its corner; white where there is none. */
+static void upload_slides(const struct preview *preview)
+{
+    const struct osmesa *gl = &preview->gl;
+    const float white[3] = {1, 1, 1};
+    int width = 1, height = 1;
+    GLuint texture;
+    for (size_t i = 0; i < preview->light_count; i++) {
+        const struct picture *slide = &preview->lights[i]->slide;
+        width = slide->rgb && slide->width > width ? slide->width : width;
+        height = slide->rgb && slide->height > height ? slide->height : height;
+    }
+    gl->GenTextures(1, &texture);
+    gl->ActiveTexture(GL_TEXTURE1);
+    gl->BindTexture(GL_TEXTURE_2D_ARRAY, texture);
+    gl->TexImage3D(GL_TEXTURE_2D_ARRAY, 0, GL_RGB32F, width, height,
+                   preview->light_count > 0 ? (GLsizei)preview->light_count : 1, 0, GL_RGB,
+                   GL_FLOAT, NULL);
+    gl->TexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MIN_FILTER, GL_LINEAR);
+    gl->TexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
+    for (size_t i = 0; i < preview->light_count; i++) {
+        const struct picture *slide = &preview->lights[i]->slide;
+        int w = slide->rgb ? slide->width : 1, h = slide->rgb ? slide->height : 1;
+        gl->TexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, 0, 0, (GLint)i, w, h, 1, GL_RGB, GL_FLOAT,
+                          slide->rgb ? slide->rgb : white);
+        gl->Uniform2f(light_location(preview, i, "slide"), (float)w / (float)width,
+                      (float)h / (float)height);
+    }
+    gl->Uniform1i(gl->GetUniformLocation(preview->pixel_program, "depths"), 0);
+    gl->Uniform1i(gl->GetUniformLocation(preview->pixel_program, "slides"), 1);
+}
+
+static int upload_lights(const struct preview *preview, struct nacre_error *error)
+{
+    const struct osmesa *gl = &preview->gl;
+    GLuint program = preview->pixel_program;
+    gl->UseProgram(program);
+    upload_slides(preview);
+    for (size_t i = 0; i < preview->light_count; i++) {
+        const struct light *light = preview->lights[i];
+        bool wide = light->kind == LIGHT_POINT;
+        set_light_vector(preview, i, "position", light->position);
+        set_light_vector(preview, i, "right", light->right);
+        set_light_vector(preview, i, "up", light->up);
+        set_light_vector(preview, i, "forward", light->forward);
+        set_light_vector(preview, i, "intensity", vec3_from_doubles(light->intensity));
+        gl->Uniform1f(light_location(preview, i, "cos_full"), wide ? -2 : (float)light->cos_full);
+        gl->Uniform1f(light_location(preview, i, "cos_edge"), wide ? -3 : (float)light->cos_edge);
+        gl->Uniform2f(light_location(preview, i, "tangents"), (float)light->tan_x,
+                      (float)light->tan_y);
+        gl->Uniform1iv(light_location(preview, i, "layers"), FACES, preview->layers[i]);
+    }
+    gl->Uniform1f(gl->GetUniformLocation(program, "depth_tangent"), (float)map_tangent);
+    gl->Uniform2f(gl->GetUniformLocation(program, "depth_planes"), (float)preview->nearest_mm,
+                  (float)preview->farthest_mm);
+    gl->Uniform1f(gl->GetUniformLocation(program, "depth_texel"),
+                  (float)(2 * map_tangent / preview->map_size));
+    gl->Uniform1f(gl->GetUniformLocation(program, "exposure"),
+                  (float)preview->scene->image.exposure);
+    return check_gl(preview, "setting the lights", error);
+}
+
+/* What pictures are drawn on. */
+static int make_canvas(struct preview *preview, bool smooth, struct nacre_error *error)
+{
+    const struct osmesa *gl = &preview->gl;
+    const struct scene_image *image = &preview->scene->image;
+    int larger = image->width > image->height ? image->width : image->height;
+    GLint most = 0;
+    GLuint buffers[2];
+    gl->GetIntegerv(GL_MAX_RENDERBUFFER_SIZE, &most);
+    if (larger > most) {
+        return nacre_fail(error, "a preview of %d x %d pixels is larger than OpenGL draws (%d)",
+                          image->width, image->height, most);
+    }
+    preview->scale = smooth && 2 * larger <= most ? 2 : 1;
+    int width = image->width * preview->scale, height = image->height * preview->scale;
+    preview->pixels = calloc((size_t)width * (size_t)height, 3 * sizeof *preview->pixels);
+    if (!preview->pixels) {
+        return nacre_fail_memory(error, "a preview");
+    }
+    gl->GenFramebuffers(1, &preview->frame);
+    gl->BindFramebuffer(GL_FRAMEBUFFER, preview->frame);
+    gl->GenRenderbuffers(2, buffers);
+    for (int i = 0; i < 2; i++) {
+        gl->BindRenderbuffer(GL_RENDERBUFFER, buffers[i]);
+        gl->RenderbufferStorage(GL_RENDERBUFFER, i ? GL_DEPTH_COMPONENT32F : GL_RGBA32F, width,
+                                height);
+        gl->FramebufferRenderbuffer(GL_FRAMEBUFFER, i ? GL_DEPTH_ATTACHMENT : GL_COLOR_ATTACHMENT0,
+                                    GL_RENDERBUFFER, buffers[i]);
+    }
+    gl->PixelStorei(GL_PACK_ALIGNMENT, 1);
+    return gl->CheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE
+               ? check_gl(preview, "making room for a picture", error)
+               : nacre_fail(error, "cannot draw a preview: OpenGL cannot draw floats");
+}
+
+/* By where the shader has their light from: 0 a picture, 1 a point, 2 beforehand. */
+static int light_group(const struct light *light)
+{
+    return light->kind == LIGHT_PROJECTOR ? 0 : light->kind == LIGHT_AREA ? 2 : 1;
+}
+
+static int order_lights(struct preview *preview, const struct stage *stage,
+                        struct nacre_error *error)
+{
+    size_t count = stage->scene->light_count;
+    if (count > PREVIEW_LIGHTS_MAXIMUM) {
+        return nacre_fail(error, "a preview shows at most %d lights, and the scene has %zu",
+                          PREVIEW_LIGHTS_MAXIMUM, count);
+    }
+    for (int group = 0; group < 3; group++) {
+        for (size_t i = 0; i < count; i++) {
+            if (light_group(&stage->lights[i]) == group) {
+                preview->lights[preview->light_count++] = &stage->lights[i];
+            }
+        }
+        preview->ends[group] = (int)preview->light_count;
+    }
+    return NACRE_OK;
+}
+
+int preview_probe(struct nacre_error *error)
+{
+    struct osmesa gl;
+    int status = osmesa_open(&gl, error);
+    osmesa_close(&gl);
+    return status;
+}
+
+int preview_open(const struct stage *stage, bool smooth, struct preview **preview,
+                 struct nacre_error *error)
+{
+    const struct scene *scene = stage->scene;
+    struct preview *made = calloc(1, sizeof *made);
+    int status = NACRE_FAILED;
+    *preview = NULL;
+    if (!made || !(made->surfaces = calloc(scene->object_count + 1, sizeof *made->surfaces))) {
+        (void)nacre_fail_memory(error, "a preview");
+        goto out;
+    }
+    made->scene = scene;
+    if (order_lights(made, stage, error) != NACRE_OK) {
+        goto out;
+    }
+    if (osmesa_open(&made->gl, error) != NACRE_OK ||
+        link_program(&made->gl, &preview_pixel_frag, &made->pixel_program, error) != NACRE_OK ||
+        link_program(&made->gl, &preview_depth_frag, &made->depth_program, error) != NACRE_OK) {
+        goto out;
+    }
+    for (size_t i = 0; i < scene->object_count; i++) {
+        if (upload_surface(made, &stage->objects[i], &scene->objects[i], error) != NACRE_OK) {
+            goto out;
+        }
+    }
+    find_planes(made, stage);
+    made->gl.Enable(GL_DEPTH_TEST);
+    if (draw_maps(made, error) == NACRE_OK && upload_lights(made, error) == NACRE_OK) {
+        status = make_canvas(made, smooth, error);
+    }
+out:
+    if (status == NACRE_OK) {
+        *preview = made;
+    } else {
+        preview_close(made);
+    }
+    return status;
+}
+
+void preview_close(struct preview *preview)
+{
+    if (preview) {
+        osmesa_close(&preview->gl);
+        free(preview->surfaces);
+        free(preview->pixels);
+        free(preview);
+    }
+}
+
+/* The mean of scale x scale pixels; OpenGL's rows run upwards. */
+static void reduce(const struct preview *preview, struct picture *picture)
+{
+    size_t scale = (size_t)preview->scale, width = (size_t)picture->width * scale;
+    size_t height = (size_t)picture->height * scale;
+    float share = 1 / (float)(scale * scale);
+    for (size_t row = 0; row < height; row++) {
+        const float *from = preview->pixels + row * width * 3;
+        float *to = picture->rgb + (height - 1 - row) / scale * (size_t)picture->width * 3;
+        for (size_t x = 0; x < width; x++) {
+            for (size_t c = 0; c < 3; c++) {
+                to[x / scale * 3 + c] += from[3 * x + c] * share;
+            }
+        }
+    }
+}
+
+int preview_draw(struct preview *preview, double turn_deg, struct picture *picture,
+                 struct nacre_error *error)
+{
+    const struct osmesa *gl = &preview->gl;
+    const struct scene_image *image = &preview->scene->image;
+    struct view view = view_make(preview->scene, turn_deg);
+    int width = image->width * preview->scale, height = image->height * preview->scale;
+    if (picture_allocate(picture, image->width, image->height, error) != NACRE_OK) {
+        return NACRE_FAILED;
+    }
+    gl->BindFramebuffer(GL_FRAMEBUFFER, preview->frame);
+    gl->Viewport(0, 0, width, height);
+    gl->ClearColor((float)image->background[0], (float)image->background[1],
+                   (float)image->background[2], 1);
+    gl->Clear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
+    gl->UseProgram(preview->pixel_program);
+    gl->Uniform3f(gl->GetUniformLocation(preview->pixel_program, "eye"), (float)view.position.x,
+                  (float)view.position.y, (float)view.position.z);
+    set_projection(preview, preview->pixel_program, &view);
+    draw_surfaces(preview, true);
+    gl->ReadPixels(0, 0, width, height, GL_RGB, GL_FLOAT, preview->pixels);
+    if (check_gl(preview, "drawing", error) != NACRE_OK) {
+        picture_finish(picture);
+        return NACRE_FAILED;
+    }
+    reduce(preview, picture);
+    return NACRE_OK;
+}

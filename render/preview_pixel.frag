@@ -1,0 +1,114 @@
+// The light that leaves a surface towards the camera: what was calculated beforehand, and what lights without extent
+// add with shadows from maps of depths, as POV-Ray is told in pov.c. Lengths in mm.
+const int LIGHTS = 8;
+
+struct Light {
+    vec3 position, right, up, forward;
+    vec3 intensity;
+    float cos_full, cos_edge; // full light within, none without; below -1: in all directions
+    vec2 tangents;            // half extents of the picture at unit distance
+    vec2 slide;               // its share of the slides' common width and height
+    int layers[6];            // of the map of depths that look forward, right, left, up, down, back; -1: none
+};
+
+uniform vec3 eye;
+uniform float exposure;
+uniform bool translucent;
+uniform vec3 colour; // of a plain surface
+uniform float specular, roughness;
+// Lights that cast pictures come first, up to ends.x, then others without extent up to ends.y, and then those whose light
+// is baked and that only make highlights, up to ends.z. An `if` would save nothing: all its paths are always taken.
+uniform ivec3 ends;
+uniform Light lights[LIGHTS];
+uniform sampler2DArray slides; // one a light
+uniform sampler2DArrayShadow depths;
+uniform float depth_tangent;       // half extent of a map at unit distance
+uniform vec2 depth_planes;         // nearest and farthest distance in a map
+uniform float depth_texel;         // width of a map's texel at unit distance
+
+in vec3 place, side, baked;
+out vec4 result;
+
+vec3 picture(int number, vec3 direction)
+{
+    float along = dot(direction, lights[number].forward);
+    vec2 at = vec2(dot(direction, lights[number].right), -dot(direction, lights[number].up));
+    at = at / along / lights[number].tangents;
+    if (along <= 0 || any(greaterThan(abs(at), vec2(1)))) {
+        return vec3(0);
+    }
+    vec2 margin = 0.5 / vec2(textureSize(slides, 0).xy);
+    at = clamp((at + 1) / 2 * lights[number].slide, margin, lights[number].slide - margin);
+    return textureLod(slides, vec3(at, number), 0).rgb;
+}
+
+float cone(int number, vec3 direction)
+{
+    float width = max(lights[number].cos_full - lights[number].cos_edge, 1e-6);
+    float t = clamp((dot(direction, lights[number].forward) - lights[number].cos_edge) / width, 0, 1);
+    return t * t * (3 - 2 * t);
+}
+
+// The share of the light that nothing is in the way of.
+float visible(int number, vec3 point, vec3 normal)
+{
+    vec3 way = point - lights[number].position;
+    vec3 d = vec3(dot(way, lights[number].right), dot(way, lights[number].up), dot(way, lights[number].forward));
+    vec3 size = abs(d);
+    // On the side that the light is on, by what a texel spans there.
+    point += normal * sign(dot(normal, -way)) * 2 * depth_texel * max(size.x, max(size.y, size.z));
+    way = point - lights[number].position;
+    d = vec3(dot(way, lights[number].right), dot(way, lights[number].up), dot(way, lights[number].forward));
+    size = abs(d);
+    int face;
+    vec3 seen; // right, up, forward in the map
+    if (size.z >= size.x && size.z >= size.y) {
+        face = d.z > 0 ? 0 : 5;
+        seen = d.z > 0 ? d : vec3(-d.x, d.y, -d.z);
+    } else if (size.x >= size.y) {
+        face = d.x > 0 ? 1 : 2;
+        seen = d.x > 0 ? vec3(-d.z, d.y, d.x) : vec3(d.z, d.y, -d.x);
+    } else {
+        face = d.y > 0 ? 3 : 4;
+        seen = d.y > 0 ? vec3(d.x, -d.z, d.y) : vec3(d.x, d.z, -d.y);
+    }
+    int layer = lights[number].layers[face];
+    if (layer < 0) {
+        return 1.0;
+    }
+    float n = depth_planes.x, f = depth_planes.y;
+    float depth = ((f + n) / (f - n) - 2 * f * n / (f - n) / seen.z + 1) / 2;
+    vec2 at = (seen.xy / seen.z / depth_tangent + 1) / 2;
+    return texture(depths, vec4(at, layer, depth));
+}
+
+// What a light adds that is of this colour in the direction of the place.
+vec3 added(int number, vec3 direction, vec3 shade, vec3 normal, vec3 view)
+{
+    vec3 way = place - lights[number].position;
+    float cosine = -dot(direction, normal);
+    vec3 arriving = lights[number].intensity * shade / dot(way, way) * visible(number, place, normal);
+    float highlight = specular * pow(max(dot(normalize(view - direction), normal), 0), 1 / roughness);
+    return cosine > 0 ? arriving * (highlight + (translucent ? vec3(0) : colour * cosine)) : vec3(0);
+}
+
+void main()
+{
+    vec3 normal = normalize(side), view = normalize(eye - place);
+    vec3 sum = translucent ? baked : colour * baked;
+    normal *= dot(normal, view) < 0 ? -1 : 1; // POV-Ray lights the side that is seen
+    for (int i = 0; i < ends.x; i++) {
+        vec3 direction = normalize(place - lights[i].position);
+        sum += added(i, direction, picture(i, direction), normal, view);
+    }
+    for (int i = ends.x; i < ends.y; i++) {
+        vec3 direction = normalize(place - lights[i].position);
+        sum += added(i, direction, vec3(cone(i, direction)), normal, view);
+    }
+    for (int i = ends.y; i < ends.z; i++) {
+        vec3 direction = normalize(place - lights[i].position);
+        vec3 lambert = vec3(max(dot(direction, lights[i].forward), 0));
+        sum += added(i, direction, lambert, normal, view);
+    }
+    result = vec4(sum * exposure, 1);
+}
