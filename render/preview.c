@@ -18,6 +18,7 @@ static const double map_tangent = 1.01;
 struct surface {
     GLuint array, index_count;
     bool translucent;
+    double specular, index; /* 0 and 1 where the effect is not called for */
     const struct scene_object *settings;
 };
 
@@ -26,7 +27,10 @@ struct preview {
     const struct scene *scene;
     const struct light *lights[PREVIEW_LIGHTS_MAXIMUM]; /* in the shader's order */
     size_t light_count;
-    int ends[3];
+    size_t picture_count,
+        hard_count; /* those that cast pictures are first, then the others that are not soft */
+    const struct environment *environment; /* or NULL */
+    bool shadows;
     struct surface *surfaces;
     size_t surface_count;
     double nearest_mm, farthest_mm; /* of the scene from its farthest light or camera */
@@ -114,15 +118,22 @@ static int upload_attribute(const struct osmesa *gl, GLuint location, const floa
     return NACRE_OK;
 }
 
-static int upload_surface(struct preview *preview, const struct stage_object *object,
-                          const struct scene_object *settings, struct nacre_error *error)
+static int upload_surface(struct preview *preview, const struct stage *stage, size_t number,
+                          struct nacre_error *error)
 {
     const struct osmesa *gl = &preview->gl;
+    const struct stage_object *object = &stage->objects[number];
+    const struct render_object_effects *effects = &stage->effects.objects[number];
+    const struct scene_object *settings = &stage->scene->objects[number];
     const struct mesh *mesh = &object->mesh;
+    bool shines = effects->highlights && render_has(&stage->effects, RENDER_HIGHLIGHTS);
+    bool bounded = effects->fresnel && render_has(&stage->effects, RENDER_FRESNEL);
     struct surface *surface = &preview->surfaces[preview->surface_count++];
     GLuint indices;
     *surface = (struct surface){.index_count = (GLuint)(3 * mesh->triangle_count),
                                 .translucent = object->translucent,
+                                .specular = shines ? settings->gloss.specular : 0,
+                                .index = bounded ? settings->index : 1,
                                 .settings = settings};
     gl->GenVertexArrays(1, &surface->array);
     gl->BindVertexArray(surface->array);
@@ -150,16 +161,18 @@ static void draw_surfaces(const struct preview *preview, bool shaded)
         const struct surface *surface = &preview->surfaces[i];
         const struct scene_object *settings = surface->settings;
         if (shaded) {
-            /* Highlights of lights that are baked are on translucent objects alone. */
-            int hard = surface->translucent && settings->gloss.specular == 0 ? 0 : 1;
-            int soft = surface->translucent && settings->gloss.specular > 0 ? 2 : 1;
-            gl->Uniform3i(gl->GetUniformLocation(program, "ends"), hard * preview->ends[0],
-                          hard * preview->ends[1], hard * preview->ends[soft]);
+            /* Highlights of soft lights, whose light is baked, are on translucent objects alone. */
+            bool glossy = surface->specular > 0, all = surface->translucent && glossy;
+            size_t end = all ? preview->light_count : preview->hard_count;
+            end = surface->translucent && !glossy ? 0 : end;
+            gl->Uniform1i(gl->GetUniformLocation(program, "pictures"),
+                          (GLint)(end < preview->picture_count ? end : preview->picture_count));
+            gl->Uniform1i(gl->GetUniformLocation(program, "end"), (GLint)end);
+            gl->Uniform1f(gl->GetUniformLocation(program, "index"), (float)surface->index);
             gl->Uniform1i(gl->GetUniformLocation(program, "translucent"), surface->translucent);
             gl->Uniform3f(gl->GetUniformLocation(program, "colour"), (float)settings->color[0],
                           (float)settings->color[1], (float)settings->color[2]);
-            gl->Uniform1f(gl->GetUniformLocation(program, "specular"),
-                          (float)settings->gloss.specular);
+            gl->Uniform1f(gl->GetUniformLocation(program, "specular"), (float)surface->specular);
             gl->Uniform1f(gl->GetUniformLocation(program, "roughness"),
                           (float)settings->gloss.roughness);
         }
@@ -238,7 +251,7 @@ static bool face_needed(const struct light *light, int face)
     case LIGHT_POINT:
         return true;
     case LIGHT_AREA:
-        return face != 5;
+        return face != 5; /* none of its light goes back */
     case LIGHT_SPOT:
         return face == 0 || (face != 5 && light->cos_edge < cos(half)) || light->cos_edge < 0;
     default:
@@ -253,7 +266,7 @@ static int draw_maps(struct preview *preview, struct nacre_error *error)
     GLuint frame;
     for (size_t i = 0; i < preview->light_count; i++) {
         for (int face = 0; face < FACES; face++) {
-            bool needed = face_needed(preview->lights[i], face);
+            bool needed = preview->shadows && face_needed(preview->lights[i], face);
             preview->layers[i][face] = needed ? preview->layer_count++ : -1;
         }
     }
@@ -346,7 +359,8 @@ static int upload_lights(const struct preview *preview, struct nacre_error *erro
     upload_slides(preview);
     for (size_t i = 0; i < preview->light_count; i++) {
         const struct light *light = preview->lights[i];
-        bool wide = light->kind == LIGHT_POINT;
+        bool wide = light->kind == LIGHT_POINT || light->kind == LIGHT_AREA;
+        gl->Uniform1i(light_location(preview, i, "lambert"), light->kind == LIGHT_AREA);
         set_light_vector(preview, i, "position", light->position);
         set_light_vector(preview, i, "right", light->right);
         set_light_vector(preview, i, "up", light->up);
@@ -383,7 +397,7 @@ static int make_canvas(struct preview *preview, bool smooth, struct nacre_error 
     }
     preview->scale = smooth && 2 * larger <= most ? 2 : 1;
     int width = image->width * preview->scale, height = image->height * preview->scale;
-    preview->pixels = calloc((size_t)width * (size_t)height, 3 * sizeof *preview->pixels);
+    preview->pixels = calloc((size_t)width * (size_t)height, 4 * sizeof *preview->pixels);
     if (!preview->pixels) {
         return nacre_fail_memory(error, "a preview");
     }
@@ -406,13 +420,13 @@ static int make_canvas(struct preview *preview, bool smooth, struct nacre_error 
 /* By where the shader has their light from: 0 a picture, 1 a point, 2 beforehand. */
 static int light_group(const struct light *light)
 {
-    return light->kind == LIGHT_PROJECTOR ? 0 : light->kind == LIGHT_AREA ? 2 : 1;
+    return light->kind == LIGHT_PROJECTOR ? 0 : light->soft ? 2 : 1;
 }
 
 static int order_lights(struct preview *preview, const struct stage *stage,
                         struct nacre_error *error)
 {
-    size_t count = stage->scene->light_count;
+    size_t count = stage->scene->light_count, ends[3];
     if (count > PREVIEW_LIGHTS_MAXIMUM) {
         return nacre_fail(error, "a preview shows at most %d lights, and the scene has %zu",
                           PREVIEW_LIGHTS_MAXIMUM, count);
@@ -423,8 +437,12 @@ static int order_lights(struct preview *preview, const struct stage *stage,
                 preview->lights[preview->light_count++] = &stage->lights[i];
             }
         }
-        preview->ends[group] = (int)preview->light_count;
+        ends[group] = preview->light_count;
     }
+    preview->picture_count = ends[0];
+    preview->hard_count = ends[1];
+    preview->environment = stage->light_count > count ? &stage->lights[count].environment : NULL;
+    preview->shadows = render_has(&stage->effects, RENDER_SHADOWS);
     return NACRE_OK;
 }
 
@@ -457,7 +475,7 @@ int preview_open(const struct stage *stage, bool smooth, struct preview **previe
         goto out;
     }
     for (size_t i = 0; i < scene->object_count; i++) {
-        if (upload_surface(made, &stage->objects[i], &scene->objects[i], error) != NACRE_OK) {
+        if (upload_surface(made, stage, i, error) != NACRE_OK) {
             goto out;
         }
     }
@@ -485,18 +503,36 @@ void preview_close(struct preview *preview)
     }
 }
 
-/* The mean of scale x scale pixels; OpenGL's rows run upwards. */
-static void reduce(const struct preview *preview, struct picture *picture)
+/* What the camera sees of the environment in a pixel of the frame. */
+static void see_environment(const struct preview *preview, const struct view *view, size_t x,
+                            size_t row, float rgba[4])
+{
+    double width = preview->scene->image.width * (double)preview->scale;
+    double height = preview->scene->image.height * (double)preview->scale, value[3];
+    struct vec3 way = view->forward;
+    way = vec3_along(way, (2 * ((double)x + 0.5) / width - 1) * view->tan_x, view->right);
+    way = vec3_along(way, (2 * ((double)row + 0.5) / height - 1) * view->tan_y, view->up);
+    environment_value(preview->environment, vec3_unit(way), value);
+    for (int c = 0; c < 3; c++) {
+        rgba[c] = (float)(value[c] * preview->scene->image.exposure);
+    }
+}
+
+/* The mean of scale x scale pixels; OpenGL's rows run upwards. Where nothing was drawn alpha is 0. */
+static void reduce(const struct preview *preview, const struct view *view, struct picture *picture)
 {
     size_t scale = (size_t)preview->scale, width = (size_t)picture->width * scale;
     size_t height = (size_t)picture->height * scale;
     float share = 1 / (float)(scale * scale);
     for (size_t row = 0; row < height; row++) {
-        const float *from = preview->pixels + row * width * 3;
+        float *from = preview->pixels + row * width * 4;
         float *to = picture->rgb + (height - 1 - row) / scale * (size_t)picture->width * 3;
         for (size_t x = 0; x < width; x++) {
+            if (preview->environment && from[4 * x + 3] == 0) {
+                see_environment(preview, view, x, row, from + 4 * x);
+            }
             for (size_t c = 0; c < 3; c++) {
-                to[x / scale * 3 + c] += from[3 * x + c] * share;
+                to[x / scale * 3 + c] += from[4 * x + c] * share;
             }
         }
     }
@@ -515,18 +551,18 @@ int preview_draw(struct preview *preview, double turn_deg, struct picture *pictu
     gl->BindFramebuffer(GL_FRAMEBUFFER, preview->frame);
     gl->Viewport(0, 0, width, height);
     gl->ClearColor((float)image->background[0], (float)image->background[1],
-                   (float)image->background[2], 1);
+                   (float)image->background[2], 0);
     gl->Clear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
     gl->UseProgram(preview->pixel_program);
     gl->Uniform3f(gl->GetUniformLocation(preview->pixel_program, "eye"), (float)view.position.x,
                   (float)view.position.y, (float)view.position.z);
     set_projection(preview, preview->pixel_program, &view);
     draw_surfaces(preview, true);
-    gl->ReadPixels(0, 0, width, height, GL_RGB, GL_FLOAT, preview->pixels);
+    gl->ReadPixels(0, 0, width, height, GL_RGBA, GL_FLOAT, preview->pixels);
     if (check_gl(preview, "drawing", error) != NACRE_OK) {
         picture_finish(picture);
         return NACRE_FAILED;
     }
-    reduce(preview, picture);
+    reduce(preview, &view, picture);
     return NACRE_OK;
 }

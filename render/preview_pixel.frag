@@ -6,6 +6,7 @@ struct Light {
     vec3 position, right, up, forward;
     vec3 intensity;
     float cos_full, cos_edge; // full light within, none without; below -1: in all directions
+    bool lambert;             // less by Lambert's law
     vec2 tangents;            // half extents of the picture at unit distance
     vec2 slide;               // its share of the slides' common width and height
     int layers[6];            // of the map of depths that look forward, right, left, up, down, back; -1: none
@@ -16,9 +17,10 @@ uniform float exposure;
 uniform bool translucent;
 uniform vec3 colour; // of a plain surface
 uniform float specular, roughness;
-// Lights that cast pictures come first, up to ends.x, then others without extent up to ends.y, and then those whose light
-// is baked and that only make highlights, up to ends.z. An `if` would save nothing: all its paths are always taken.
-uniform ivec3 ends;
+// Lights that cast pictures come first, up to `pictures`, then others, up to `end`. An `if` would save nothing: all its
+// paths are always taken.
+uniform int pictures, end;
+uniform float index; // of refraction; 1: light leaves alike in all directions
 uniform Light lights[LIGHTS];
 uniform sampler2DArray slides; // one a light
 uniform sampler2DArrayShadow depths;
@@ -46,7 +48,8 @@ float cone(int number, vec3 direction)
 {
     float width = max(lights[number].cos_full - lights[number].cos_edge, 1e-6);
     float t = clamp((dot(direction, lights[number].forward) - lights[number].cos_edge) / width, 0, 1);
-    return t * t * (3 - 2 * t);
+    float along = dot(direction, lights[number].forward);
+    return t * t * (3 - 2 * t) * (lights[number].lambert ? max(along, 0) : 1);
 }
 
 // The share of the light that nothing is in the way of.
@@ -92,23 +95,31 @@ vec3 added(int number, vec3 direction, vec3 shade, vec3 normal, vec3 view)
     return cosine > 0 ? arriving * (highlight + (translucent ? vec3(0) : colour * cosine)) : vec3(0);
 }
 
+// As in fresnel.h: 1 along the normal, 0 where light grazes.
+float transmitted(float cosine)
+{
+    float inside = sqrt(1 - (1 - cosine * cosine) / (index * index)), amplitude = (index - 1) / (index + 1);
+    float s = (cosine - index * inside) / (cosine + index * inside);
+    float p = (inside - index * cosine) / (inside + index * cosine);
+    return (1 - (s * s + p * p) / 2) / (1 - amplitude * amplitude);
+}
+
 void main()
 {
     vec3 normal = normalize(side), view = normalize(eye - place);
     vec3 sum = translucent ? baked : colour * baked;
+    if (index > 1) {
+        float cosine = dot(normal, view);
+        sum *= cosine > 0 ? transmitted(min(cosine, 1.0)) : 0.0;
+    }
     normal *= dot(normal, view) < 0 ? -1 : 1; // POV-Ray lights the side that is seen
-    for (int i = 0; i < ends.x; i++) {
+    for (int i = 0; i < pictures; i++) {
         vec3 direction = normalize(place - lights[i].position);
         sum += added(i, direction, picture(i, direction), normal, view);
     }
-    for (int i = ends.x; i < ends.y; i++) {
+    for (int i = pictures; i < end; i++) {
         vec3 direction = normalize(place - lights[i].position);
         sum += added(i, direction, vec3(cone(i, direction)), normal, view);
-    }
-    for (int i = ends.y; i < ends.z; i++) {
-        vec3 direction = normalize(place - lights[i].position);
-        vec3 lambert = vec3(max(dot(direction, lights[i].forward), 0));
-        sum += added(i, direction, lambert, normal, view);
     }
     result = vec4(sum * exposure, 1);
 }

@@ -175,6 +175,7 @@ static void each_kind_of_light_is_as_bright_as_pov_ray_s(void)
         "lights: [{kind: projector, position_mm: [-60, -80, 120], up: [0, 1, 0.5], angle_deg: 50, "
         "texture: {pattern: checks, count: 6, bright: [1, 0.5, 0.2], dark: 0.1}}]\n",
         "lights: [{kind: area, position_mm: [-60, -80, 120], size_mm: [50, 50]}]\n",
+        "environment: {color: [0.4, 0.3, 0.2]}\nlights: []\n",
     };
     for (size_t i = 0; i < sizeof lights / sizeof *lights; i++) {
         char text[2048];
