@@ -2,32 +2,21 @@
  * weights; the same with soft weights; and the reciprocal forms, a kernel per term, kernels of pairs, the squared link.
  * What is measured and what came out: docs/representation.md. */
 #include "bilinear.h"
+#include "fitted.h"
 #include "judge.h"
-#include "quantise.h"
-#include "sample.h"
 #include "soft.h"
+#include "sweep.h"
 
 #include "../timing.h"
 
 #include "factor/layout.h"
-#include "nacre/evaluate.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { BITS = 8 };
-
 static const char usage[] = "usage: representations [--nacre PROGRAM] [--sweep] [--quick] "
                             "[--points N] SAMPLE.yaml|SCAN.exr ...";
-
-/* What a run has at hand. */
-struct bench {
-    const char *nacre;
-    struct opencl opencl;
-    bool quick;
-    int points; /* a side, at most */
-};
 
 static const char *const weight_names[] = {"kernel", "response"};
 
@@ -55,41 +44,9 @@ static void print_row(const struct sample *s, const char *what, const char *numb
     (void)fflush(stdout);
 }
 
-/* All responses of a material. */
-static float *predict_material(const struct sample *s, const struct nacre_material *m)
-{
-    float *model = allocate(sample_size(s) * sizeof *model);
-#pragma omp parallel for schedule(dynamic)
-    for (int i = 0; i < s->width * s->height; i++) {
-        nacre_material_response(m, i % s->width, i / s->width,
-                                model + (size_t)i * sample_response_size(s));
-    }
-    return model;
-}
-
-/* The paper's model by libfactor, of all or of the kept responses. */
-static struct nacre_material factor(const struct bench *b, const struct sample *s, bool kept,
-                                    int terms, int clusters, enum factor_weight weight)
-{
-    struct nacre_error error = {0};
-    struct nacre_material material = {0};
-    struct factor_summary summary = {0};
-    struct factor_options options = factor_options_default();
-    options.terms = terms;
-    options.clusters = clusters;
-    options.weight = weight;
-    options.store = FACTOR_STORE_FLOAT;
-    if (factorize_responses(kept ? &s->kept : &s->responses, s->pitch_mm, &options, &b->opencl,
-                            NULL, &material, &summary, &error) != NACRE_OK) {
-        fail(error.text);
-    }
-    factor_summary_finish(&summary);
-    return material;
-}
-
-/* Bytes as docs/representation.md counts them: planes at `bits` a number (0: floats), kernels as half floats (floats), a
- * hard label one. */
-static size_t material_bytes(const struct nacre_material *m, int bits)
+/* Bytes as docs/representation.md counts them here: planes at `bits` a number (0: floats), kernels as half floats (floats),
+ * a hard label one. */
+static size_t count_bytes(const struct nacre_material *m, int bits)
 {
     size_t points = (size_t)m->width * (size_t)m->height;
     size_t planes = (size_t)m->terms * (size_t)m->factor_channels * (m->h ? 2 : 1);
@@ -100,44 +57,34 @@ static size_t material_bytes(const struct nacre_material *m, int bits)
            (m->mixed == 1 ? points : 0);
 }
 
-/* Rows of one or two materials: as floats and at BITS bits. */
+/* Rows of one or two materials: as floats and quantised. */
 static void print_materials(const struct sample *s, const char *what, enum factor_weight weight,
                             struct nacre_material *full, struct nacre_material *kept,
                             double seconds)
 {
-    for (int bits = 0; bits <= BITS; bits += BITS) {
+    for (int bits = 0; bits <= FITTED_BITS; bits += FITTED_BITS) {
         char name[64], numbers[64];
-        float *of_kept = NULL;
-        if (bits) {
-            quantise_material(full, bits);
-        }
-        if (bits && kept) {
-            quantise_material(kept, bits);
-        }
-        float *model = predict_material(s, full);
-        if (kept) {
-            of_kept = predict_material(s, kept);
-        }
+        struct fitted fitted = fitted_tell(s, full, s->exact ? NULL : kept, bits);
         (void)snprintf(name, sizeof name, "%s, T %d, k %d", what, full->terms, full->clusters);
         (void)snprintf(numbers, sizeof numbers, bits ? "%d bits" : "floats", bits);
-        print_row(s, name, numbers, weight, material_bytes(full, bits), model, of_kept,
-                  full->iterations, seconds);
-        free(model);
-        free(of_kept);
+        print_row(s, name, numbers, weight, count_bytes(full, bits), fitted.model, fitted.of_kept,
+                  fitted.steps, seconds);
+        fitted_finish(&fitted);
     }
 }
 
 static void paper(const struct bench *b, const struct sample *s, int terms, int clusters,
                   enum factor_weight weight)
 {
+    struct factor_options options = fitted_paper(terms, clusters, weight);
     struct nacre_material kept = {0};
     struct moment begun = timing_now();
-    struct nacre_material full = factor(b, s, false, terms, clusters, weight);
+    struct nacre_material full = fitted_material(b, s, false, &options);
     double seconds = timing_since(begun).processor;
     if (!s->exact) {
-        kept = factor(b, s, true, terms, clusters, weight);
+        kept = fitted_material(b, s, true, &options);
     }
-    print_materials(s, "paper", weight, &full, s->exact ? NULL : &kept, seconds);
+    print_materials(s, "paper", weight, &full, &kept, seconds);
     nacre_material_finish(&kept);
     nacre_material_finish(&full);
 }
@@ -146,7 +93,8 @@ static void paper(const struct bench *b, const struct sample *s, int terms, int 
 static struct nacre_material soften(const struct bench *b, const struct sample *s, bool kept,
                                     int terms, int clusters, enum factor_weight weight)
 {
-    struct nacre_material hard = factor(b, s, kept, terms, clusters, weight), soft;
+    struct factor_options options = fitted_paper(terms, clusters, weight);
+    struct nacre_material hard = fitted_material(b, s, kept, &options), soft;
     struct entries entries;
     entries_make(s, kept ? s->kept_measured : s->measured, weight, false, &entries);
     int steps = soft_fit(&entries, &hard, &reference, &soft);
@@ -166,7 +114,7 @@ static void softened(const struct bench *b, const struct sample *s, int terms, i
     if (!s->exact) {
         kept = soften(b, s, true, terms, clusters, weight);
     }
-    print_materials(s, "paper, soft weights", weight, &full, s->exact ? NULL : &kept, seconds);
+    print_materials(s, "paper, soft weights", weight, &full, &kept, seconds);
     nacre_material_finish(&kept);
     nacre_material_finish(&full);
 }
@@ -189,18 +137,18 @@ static void reciprocal(const struct sample *s, const char *what, struct bilinear
     struct moment begun = timing_now();
     form_fit(s, false, form, weight, &full);
     double seconds = timing_since(begun).processor;
-    bilinear_quantise(&full, BITS);
+    bilinear_quantise(&full, FITTED_BITS);
     bilinear_predict(&full, model);
     if (!s->exact) {
         of_kept = allocate(sample_size(s) * sizeof *of_kept);
         form_fit(s, true, form, weight, &kept);
-        bilinear_quantise(&kept, BITS);
+        bilinear_quantise(&kept, FITTED_BITS);
         bilinear_predict(&kept, of_kept);
     }
     (void)snprintf(name, sizeof name, "%s, M %d, %s", what, form.terms,
                    form.radial ? "radial" : "half windows");
-    (void)snprintf(numbers, sizeof numbers, "%d bits", BITS);
-    print_row(s, name, numbers, weight, bilinear_bytes(&full, BITS), model, of_kept,
+    (void)snprintf(numbers, sizeof numbers, "%d bits", FITTED_BITS);
+    print_row(s, name, numbers, weight, bilinear_bytes(&full, FITTED_BITS), model, of_kept,
               full.iterations, seconds);
     bilinear_finish(&full);
     bilinear_finish(&kept);
@@ -236,16 +184,6 @@ static void compare(const struct bench *b, const struct sample *s)
     }
 }
 
-/* The paper's model over terms and clusters, and a kernel per term over terms. */
-static void sweep(const struct bench *b, const struct sample *s)
-{
-    static const int terms[] = {4, 8, 12, 20}, clusters[] = {1, 5, 10};
-    print_head(s);
-    for (int i = 0; i < 24; i++) {
-        paper(b, s, terms[i / 6], clusters[i / 2 % 3], (enum factor_weight)(i % 2));
-    }
-}
-
 static bool ends_with(const char *text, const char *end)
 {
     size_t length = strlen(text), tail = strlen(end);
@@ -267,6 +205,8 @@ int main(int argc, char **argv)
             bench.quick = true;
         } else if (strcmp(argv[first], "--points") == 0 && first + 1 < argc) {
             bench.points = (int)strtol(argv[++first], NULL, 10);
+        } else if (strcmp(argv[first], "--plots") == 0 && first + 1 < argc) {
+            bench.plots = argv[++first];
         } else {
             fail(usage);
         }
