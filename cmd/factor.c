@@ -15,13 +15,20 @@
 
 struct factor_settings {
     const char *output, *checkpoint;
+    int model, reciprocal, kernels, planes, bits;
     int method, weight, terms, clusters, iterations, kernel, store, responses, seed;
     double tolerance, error, within, epsilon, regularise, checkpoint_every;
     bool explain;
 };
 
-static const char *const method_words[] = {"hals", "mu", NULL};           /* enum factor_method */
-static const char *const weight_words[] = {"kernel", "response", NULL};   /* enum factor_weight */
+static const char *const method_words[] = {"hals", "mu", NULL}; /* enum factor_method */
+static const char *const weight_words[] = {"kernel", "response", "auto",
+                                           NULL};                     /* enum factor_weight */
+static const char *const model_words[] = {"clusters", "terms", NULL}; /* enum factor_model */
+static const char *const reciprocal_words[] = {"auto", "yes", "gains", "no",
+                                               NULL}; /* enum terms_reciprocity */
+static const char *const kernels_words[] = {"radial", "full", NULL};
+static const char *const planes_words[] = {"shared", "separate", NULL};
 static const char *const kernel_words[] = {"average", "max", NULL};       /* enum kernels_kind */
 static const char *const store_words[] = {"auto", "float", "half", NULL}; /* enum factor_store */
 
@@ -36,6 +43,40 @@ static const struct option_spec factor_options[] = {
      .required = true,
      .offset = offsetof(struct factor_settings, output),
      .sentence = "the material to write"},
+    {.name = "model",
+     .kind = OPTION_CHOICE,
+     .words = model_words,
+     .fallback = "clusters",
+     .offset = offsetof(struct factor_settings, model),
+     .sentence = "what is fitted: the paper's kernels of clusters, or a kernel for each term"},
+    {.name = "reciprocal",
+     .kind = OPTION_CHOICE,
+     .words = reciprocal_words,
+     .fallback = "auto",
+     .offset = offsetof(struct factor_settings, reciprocal),
+     .sentence =
+         "with --model terms, whether light goes the same way forth and back, but for gains "
+         "at both ends, or not; auto: as the scan's pairs show"},
+    {.name = "kernels",
+     .kind = OPTION_CHOICE,
+     .words = kernels_words,
+     .fallback = "radial",
+     .offset = offsetof(struct factor_settings, kernels),
+     .sentence = "with --model terms, whether kernels depend on the distance alone"},
+    {.name = "planes",
+     .kind = OPTION_CHOICE,
+     .words = planes_words,
+     .fallback = "shared",
+     .offset = offsetof(struct factor_settings, planes),
+     .sentence = "with --model terms, whether all colour channels share the planes of a term"},
+    {.name = "bits",
+     .kind = OPTION_INT,
+     .argument = "N",
+     .minimum = 0,
+     .maximum = 10,
+     .fallback = "8",
+     .offset = offsetof(struct factor_settings, bits),
+     .sentence = "with --model terms, bits of a plane's values in the file; 0: half floats"},
     {.name = "method",
      .kind = OPTION_CHOICE,
      .words = method_words,
@@ -109,11 +150,10 @@ static const struct option_spec factor_options[] = {
     {.name = "weight",
      .kind = OPTION_CHOICE,
      .words = weight_words,
-     .fallback = "kernel",
+     .fallback = "auto",
      .offset = offsetof(struct factor_settings, weight),
      .sentence = "what errors are weighted by: the kernel, as in the paper, or the response's "
-                 "norm, for the "
-                 "least relative errors"},
+                 "norm, for the least relative errors; auto: the response's with --model terms"},
     {.name = "epsilon",
      .kind = OPTION_REAL,
      .argument = "E",
@@ -310,7 +350,12 @@ static void keep_line(void *data, const char *key, const char *text)
 
 static struct factor_options to_options(const struct factor_settings *s)
 {
-    return (struct factor_options){.method = (enum factor_method)s->method,
+    return (struct factor_options){.model = (enum factor_model)s->model,
+                                   .reciprocity = (enum terms_reciprocity)s->reciprocal,
+                                   .full_kernels = s->kernels == 1,
+                                   .separate_planes = s->planes == 1,
+                                   .bits = s->bits == 1 ? 2 : s->bits,
+                                   .method = (enum factor_method)s->method,
                                    .weight = (enum factor_weight)s->weight,
                                    .terms = s->terms,
                                    .clusters = s->clusters,

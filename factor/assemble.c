@@ -106,8 +106,7 @@ static int assemble_factors(const struct problem *p, const struct factors *facto
     return status;
 }
 
-/* The sum of each response of a channel, NaN where nothing of it was measured. */
-static void assemble_albedo(const struct responses *r, int channel, float *albedo)
+void assemble_albedo(const struct responses *r, int channel, float *albedo)
 {
 #pragma omp parallel for
     for (int y = 0; y < r->height; y++) {

@@ -14,4 +14,7 @@ int assemble_material(const struct problem *problem, const struct factors *facto
 /* known[height][width]: points of which something was measured in this channel, as x_i, or (outgoing) as x_o. */
 void assemble_known(const struct responses *responses, int channel, bool outgoing, uint8_t *known);
 
+/* albedo[height][width]: the sum of each response of a channel, in its own unit; NaN where nothing of it was measured. */
+void assemble_albedo(const struct responses *responses, int channel, float *albedo);
+
 #endif

@@ -13,7 +13,7 @@
 enum { STREAM_CLUSTERS = 1, STREAM_FACTORS = 2 };
 
 static int find_clusters(struct attempt *a, const struct features *features, int clusters, int seed,
-                         struct nacre_error *error)
+                         uint32_t *ids, struct nacre_error *error)
 {
     const struct responses *r = a->problem.responses;
     uint32_t *labels = malloc(features->count * sizeof *labels);
@@ -23,23 +23,23 @@ static int find_clusters(struct attempt *a, const struct features *features, int
     int status = kmeans(features->values, features->count, features->length, clusters,
                         random_bits((uint64_t)seed, STREAM_CLUSTERS), labels, error);
     for (size_t i = 0; i < features->count && status == NACRE_OK; i++) {
-        a->ids[features->points[i]] = labels[i];
+        ids[features->points[i]] = labels[i];
     }
     free(labels);
-    return status == NACRE_OK ? fill_labels(r->width, r->height, r->measured, a->ids, error)
-                              : status;
+    return status == NACRE_OK ? fill_labels(r->width, r->height, r->measured, ids, error) : status;
 }
 
 int attempt_begin(struct attempt *a, const struct responses *r, const struct features *features,
-                  const struct factor_options *o, int terms, int clusters,
-                  struct nacre_error *error)
+                  const struct terms_data *data, const struct factor_options *o, int terms,
+                  int clusters, struct nacre_error *error)
 {
     size_t points = (size_t)r->width * (size_t)r->height;
     size_t area = (size_t)r->window * (size_t)r->window;
     *a = (struct attempt){.probed_at = -1};
     a->ids = malloc(points * sizeof *a->ids);
     a->kernels = malloc((size_t)clusters * (size_t)r->channels * area * sizeof *a->kernels);
-    if (!a->ids || !a->kernels) {
+    a->kinds = data ? calloc(points, sizeof *a->kinds) : NULL;
+    if (!a->ids || !a->kernels || (data && !a->kinds)) {
         return nacre_fail_memory(error, "the clusters");
     }
     a->problem = (struct problem){.responses = r,
@@ -47,12 +47,18 @@ int attempt_begin(struct attempt *a, const struct responses *r, const struct fea
                                   .kernels = a->kernels,
                                   .clusters = clusters,
                                   .terms = terms,
+                                  .data = data,
+                                  .kinds = a->kinds,
                                   .seed = random_bits((uint64_t)o->seed, STREAM_FACTORS),
                                   .regularise = o->regularise};
     memset(a->ids, 0xff, points * sizeof *a->ids);
     int status = factors_allocate(&a->factors, &a->problem, error);
     if (status == NACRE_OK && features) {
-        status = find_clusters(a, features, clusters, o->seed, error);
+        status = find_clusters(a, features, clusters, o->seed, a->ids, error);
+    }
+    if (status == NACRE_OK && features && data) {
+        int kinds = (size_t)terms < features->count ? terms : (int)features->count;
+        status = find_clusters(a, features, kinds, o->seed, a->kinds, error);
     }
     if (status == NACRE_OK && features) {
         status = kernels_compute(r, a->ids, clusters, o->kernel, o->epsilon, a->kernels, error);
@@ -125,6 +131,7 @@ void attempt_finish(struct attempt *a)
     method_free(a->method);
     factors_finish(&a->factors);
     free(a->ids);
+    free(a->kinds);
     free(a->kernels);
     free(a->history.objective);
     free(a->history.seconds);

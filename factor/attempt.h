@@ -14,7 +14,7 @@ struct history {
 
 struct attempt {
     struct problem problem; /* its ids and kernels are these: */
-    uint32_t *ids;
+    uint32_t *ids, *kinds;  /* kinds: with a kernel per term */
     float *kernels;
     struct method *method;  /* NULL when at rest */
     struct factors factors; /* as last read from the method */
@@ -35,10 +35,11 @@ struct attempt {
 };
 
 /* The clusters of the measured points, spread to the others, and their kernels; without `features` there is only room
- * for them. attempt_finish it, also after a failure. */
+ * for them. With `data` the model is that of a kernel per term. attempt_finish it, also after a failure. */
 int attempt_begin(struct attempt *attempt, const struct responses *responses,
-                  const struct features *features, const struct factor_options *options, int terms,
-                  int clusters, struct nacre_error *error);
+                  const struct features *features, const struct terms_data *data,
+                  const struct factor_options *options, int terms, int clusters,
+                  struct nacre_error *error);
 
 /* One more entry of the history, not known yet. */
 int attempt_extend_history(struct attempt *attempt, struct nacre_error *error);

@@ -2,6 +2,7 @@
 #include "factor/closing.h"
 
 #include "factor/assemble.h"
+#include "factor/terms_material.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -11,6 +12,9 @@ static int allocate(const struct factor_options *o, double pitch_mm, const struc
                     struct nacre_material *m, struct nacre_error *error)
 {
     const struct responses *r = p->responses;
+    if (p->data) {
+        return terms_material_allocate(o->seed, pitch_mm, p, m, error);
+    }
     *m = (struct nacre_material){.width = r->width,
                                  .height = r->height,
                                  .channels = r->channels,
@@ -34,6 +38,20 @@ static int read_responses(const void *data, int x, int y, float *response,
     (void)error;
     responses_read(data, x, y, response);
     return NACRE_OK;
+}
+
+/* The error of a material that is as it will be in the file. */
+static int measure(const struct responses *r, struct nacre_material *m, struct error_report *report,
+                   struct nacre_error *error)
+{
+    const struct error_source from = {r, read_responses};
+    int status = error_measure(&from, m, NULL, report, error);
+    if (status == NACRE_OK) {
+        m->error_min = report->whole.minimum;
+        m->error_mean = report->whole.mean;
+        m->error_max = report->whole.maximum;
+    }
+    return status;
 }
 
 /* Choose how F and H are stored, round them so, and measure the error of what will be in the file. A cancelled run still
@@ -82,10 +100,15 @@ int closing_make(const struct factor_options *o, double pitch_mm, const struct a
                  struct nacre_material *m, struct error_report *report, struct nacre_error *error)
 {
     int status = allocate(o, pitch_mm, &attempt->problem, m, error);
-    if (status == NACRE_OK) {
+    if (status == NACRE_OK && attempt->problem.data) {
+        status = terms_material_fill(&attempt->problem, &attempt->factors, m, error);
+        if (status == NACRE_OK) {
+            status = measure(attempt->problem.responses, m, report, error);
+        }
+    } else if (status == NACRE_OK) {
         status = assemble_material(&attempt->problem, &attempt->factors, m, error);
     }
-    if (status == NACRE_OK) {
+    if (status == NACRE_OK && !attempt->problem.data) {
         status = round_and_measure(attempt->problem.responses, o->store, m, report, error);
     }
     if (status != NACRE_OK) {

@@ -3,6 +3,7 @@
 
 #include "factor/hals.h"
 #include "factor/random.h"
+#include "factor/terms.h"
 #include "factor/update.h"
 #include "factor/weight.h"
 
@@ -35,6 +36,9 @@ static int make_method(void *data, const struct problem *problem, struct method 
     if (o->maker) {
         return o->maker->make(o->maker->data, problem, method, error);
     }
+    if (o->model == FACTOR_MODEL_TERMS) {
+        return terms_new(c->opencl, problem, method, error);
+    }
     return o->method == FACTOR_METHOD_MU ? update_new(c->opencl, problem, NULL, method, error)
                                          : hals_new(c->opencl, problem, NULL, method, error);
 }
@@ -42,6 +46,9 @@ static int make_method(void *data, const struct problem *problem, struct method 
 int conductor_make_method(struct conductor *c, struct nacre_error *error)
 {
     struct attempt *a = &c->now;
+    if (c->options->model == FACTOR_MODEL_TERMS) {
+        return make_method(c, &a->problem, &a->method, error);
+    }
     return c->options->weight == FACTOR_WEIGHT_RESPONSE
                ? weight_new(&a->problem, make_method, c, &a->method, error)
                : make_method(c, &a->problem, &a->method, error);
@@ -51,6 +58,9 @@ int conductor_make_method(struct conductor *c, struct nacre_error *error)
 static double step_cost(const struct conductor *c, int terms, int clusters)
 {
     double spread = clusters > 1 ? 1.3 : 1;
+    if (c->options->model == FACTOR_MODEL_TERMS) {
+        return terms * (1 + terms / 8.0);
+    }
     return spread * (c->options->method == FACTOR_METHOD_MU ? terms : terms * (1 + terms / 60.0));
 }
 
@@ -124,7 +134,8 @@ static int open_attempt(struct conductor *c, int terms, int clusters, struct nac
     struct attempt *a = &c->now;
     double begun = conductor_seconds(c);
     bool first = c->search.count == 0;
-    int status = attempt_begin(a, c->responses, &c->features, c->options, terms, clusters, error);
+    int status = attempt_begin(a, c->responses, &c->features, conductor_data(c), c->options, terms,
+                               clusters, error);
     c->now_is_open = true;
     if (status == NACRE_OK) {
         status = conductor_make_method(c, error);
@@ -361,6 +372,7 @@ void conductor_finish(struct conductor *c)
     attempt_finish(&c->now);
     attempt_finish(&c->best);
     features_finish(&c->features);
+    terms_data_finish(&c->data);
     probe_finish(&c->probe);
     nacre_material_finish(&c->made);
     error_report_finish(&c->made_report);

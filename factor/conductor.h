@@ -33,6 +33,7 @@ struct conductor {
     struct clock *clock;
     int64_t begun_ns;
 
+    struct terms_data data; /* with a kernel per term */
     struct features features;
     struct probe probe;
     struct quality quality;
@@ -86,6 +87,12 @@ void conductor_note(const struct conductor *conductor, enum ending ending, struc
 /* The file of options->checkpoint: write it; go on from it, where there is one. */
 int conductor_save(struct conductor *conductor, struct nacre_error *error);
 int conductor_resume(struct conductor *conductor, struct nacre_error *error);
+
+/* What the attempts of this run are fitted to, or NULL with clusters. */
+static inline const struct terms_data *conductor_data(const struct conductor *c)
+{
+    return c->options->model == FACTOR_MODEL_TERMS ? &c->data : NULL;
+}
 
 /* Make the method of `now`. */
 int conductor_make_method(struct conductor *conductor, struct nacre_error *error);

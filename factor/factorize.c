@@ -4,6 +4,7 @@
 #include "factor/conductor.h"
 #include "factor/layout.h"
 #include "factor/random.h"
+#include "factor/terms.h"
 
 #include <limits.h>
 #include <stdio.h>
@@ -12,6 +13,8 @@
 
 /* The number of points that are watched, drawn from the seed. */
 enum { PROBE_POINTS = 256, STREAM_PROBE = 4 };
+
+enum { SHAPED_TERMS = 8, SHAPED_MOST = 32 };
 
 enum { DEFAULT_TERMS = 12, DEFAULT_CLUSTERS = 5, DEFAULT_ITERATIONS = 200 };
 
@@ -29,6 +32,8 @@ struct factor_options factor_options_default(void)
                                    .kernel = KERNELS_AVERAGE,
                                    .epsilon = 1e-5,
                                    .store = FACTOR_STORE_AUTO,
+                                   .bits = 8,
+                                   .weight = FACTOR_WEIGHT_AUTO,
                                    .checkpoint_seconds = 60};
 }
 
@@ -44,6 +49,19 @@ static int check(const struct responses *r, const struct factor_options *o,
     if (o->terms < 0 || o->clusters < 0 || o->iterations < 0) {
         return nacre_fail(error, "terms, clusters and iterations must be at least 1 each");
     }
+    if (o->model == FACTOR_MODEL_TERMS && o->clusters > 0) {
+        return nacre_fail(error,
+                          "--clusters belongs to --model clusters; a kernel per term has none");
+    }
+    if (o->model == FACTOR_MODEL_TERMS && o->method == FACTOR_METHOD_MU) {
+        return nacre_fail(error, "--method mu belongs to --model clusters; leave it out");
+    }
+    if (o->model == FACTOR_MODEL_TERMS && o->terms > TERMS_MOST) {
+        return nacre_fail(error,
+                          "%d terms are too many for a kernel each, of which there can be %d; use "
+                          "--model clusters",
+                          o->terms, TERMS_MOST);
+    }
     if (o->regularise > 0 && o->method != FACTOR_METHOD_MU) {
         return nacre_fail(error, "--regularise belongs to the multiplicative updates: add "
                                  "--method mu");
@@ -58,6 +76,21 @@ static int check(const struct responses *r, const struct factor_options *o,
                           o->clusters, r->measured_count, r->measured_count);
     }
     return NACRE_OK;
+}
+
+/* With a kernel per term there are terms alone to choose. */
+static void begin_shaped(struct conductor *c)
+{
+    const struct terms_data *d = &c->data;
+    struct search *s = &c->search;
+    double sets = terms_data_sets(d) * d->copy_count, points = (double)s->points;
+    double bits = d->options.bits > 0 ? d->options.bits : 16;
+    s->shaped = true;
+    s->clusters = 1;
+    s->plane_bytes = sets * points * bits / 8;
+    s->kernel_bytes = 4.0 * d->grid.count * (double)s->channels;
+    s->other_bytes = points * ((double)s->channels + (d->gain ? 1 : 0)) * bits / 8;
+    s->most_terms = SHAPED_MOST;
 }
 
 /* What there is to try: all sizes within reason where an error or a time is given, else the defaults. */
@@ -77,12 +110,15 @@ static void begin_search(struct conductor *c)
                          .channels = (size_t)r->channels,
                          .window = (size_t)r->window,
                          .value_bytes = o->store == FACTOR_STORE_FLOAT ? 4 : 2};
+    if (o->model == FACTOR_MODEL_TERMS) {
+        begin_shaped(c);
+    }
     s->most_bytes = MOST_SHARE * (double)points * r->channels * r->window * r->window * 4;
     if (r->measured_count < MOST_CLUSTERS) {
         s->most_clusters = (int)r->measured_count;
     }
     if (!chooses) {
-        s->terms = s->terms ? s->terms : DEFAULT_TERMS;
+        s->terms = s->terms ? s->terms : s->shaped ? SHAPED_TERMS : DEFAULT_TERMS;
         s->clusters = s->clusters                           ? s->clusters
                       : s->most_clusters < DEFAULT_CLUSTERS ? s->most_clusters
                                                             : DEFAULT_CLUSTERS;
@@ -137,7 +173,9 @@ static void explain(const struct conductor *c)
          r->half ? "half floats" : "floats",
          r->mask_needed ? ", with entries that were not measured" : "");
     explain_count(to, "terms", o->terms, c->search.terms, c->search.most_terms);
-    explain_count(to, "clusters", o->clusters, c->search.clusters, c->search.most_clusters);
+    if (!c->search.shaped) {
+        explain_count(to, "clusters", o->clusters, c->search.clusters, c->search.most_clusters);
+    }
     explain_stops(c);
     tell(to, "error while iterating", "of %zu points", c->probe.count);
     if (c->quality.pairs > 0) {
@@ -150,6 +188,18 @@ static void explain(const struct conductor *c)
         tell(to, "continues", "from %s, after %d earlier tries and %d iterations", o->checkpoint,
              c->search.count, c->now_is_open ? attempt_iterations(&c->now) : 0);
     }
+}
+
+static int begin_data(struct conductor *c, struct nacre_error *error)
+{
+    const struct factor_options *o = c->options;
+    const struct terms_options options = {
+        .reciprocity = o->reciprocity,
+        .weight = o->weight == FACTOR_WEIGHT_KERNEL ? TERMS_WEIGHT_KERNEL : TERMS_WEIGHT_RESPONSE,
+        .full = o->full_kernels,
+        .separate = o->separate_planes && c->responses->channels > 1,
+        .bits = o->bits};
+    return terms_data_begin(&c->data, c->responses, &options, o->epsilon, error);
 }
 
 static int begin(struct conductor *c, struct nacre_error *error)
@@ -165,6 +215,12 @@ static int begin(struct conductor *c, struct nacre_error *error)
                           "%.3g s are too few: reading the scan alone took until %.3g s; ask for "
                           "twice that or more",
                           o->seconds, begun);
+    }
+    if (o->model == FACTOR_MODEL_TERMS) {
+        status = begin_data(c, error);
+        if (status != NACRE_OK) {
+            return status;
+        }
     }
     begin_search(c);
     status = features_new(c->responses, &c->features, error);
@@ -209,8 +265,13 @@ static int complete(struct conductor *c, struct nacre_material *m, struct factor
         return status;
     }
     (void)snprintf(m->method, sizeof m->method, "%s%s",
-                   c->options->method == FACTOR_METHOD_MU ? "mu" : "hals",
-                   c->options->weight == FACTOR_WEIGHT_RESPONSE ? ", weight response" : "");
+                   c->options->model == FACTOR_MODEL_TERMS  ? "terms"
+                   : c->options->method == FACTOR_METHOD_MU ? "mu"
+                                                            : "hals",
+                   c->options->model == FACTOR_MODEL_TERMS
+                       ? (c->options->weight == FACTOR_WEIGHT_KERNEL ? ", weight kernel" : "")
+                   : c->options->weight == FACTOR_WEIGHT_RESPONSE ? ", weight response"
+                                                                  : "");
     m->iterations = a->history.count;
     m->history_count = (size_t)a->history.count;
     m->history_objective = a->history.objective;

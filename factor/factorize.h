@@ -29,6 +29,13 @@ enum factor_method {
 enum factor_weight {
     FACTOR_WEIGHT_KERNEL,   /* the paper's 1 / sqrt(g) */
     FACTOR_WEIGHT_RESPONSE, /* 1 / ||R_i||: relative errors; factor/weight.h */
+    FACTOR_WEIGHT_AUTO,     /* response with a kernel per term, else kernel */
+};
+
+/* What is fitted. */
+enum factor_model {
+    FACTOR_MODEL_CLUSTERS, /* the paper's: (sum_t F H) times the kernel of a point's cluster */
+    FACTOR_MODEL_TERMS,    /* sum_t F g_t H and the centre: factor/terms_data.h */
 };
 
 /* Another maker of methods than those that `method` names, as tests have it. */
@@ -41,6 +48,7 @@ struct method_maker {
 /* Where terms, clusters or iterations are 0, they are chosen: to hold `error` or to fill `seconds`, and without either
  * they are 12, 5 and 200. */
 struct factor_options {
+    enum factor_model model;
     enum factor_method method;
     enum factor_weight weight;
     int terms, clusters, iterations;
@@ -54,6 +62,12 @@ struct factor_options {
     enum responses_store responses;
     int seed;
     double regularise; /* 0: not; see docs/factorization.md */
+
+    /* With a kernel per term. */
+    enum terms_reciprocity reciprocity;
+    bool full_kernels;    /* else radial */
+    bool separate_planes; /* of each channel, else shared by all */
+    int bits;             /* of planes in the file; 0: not quantised */
 
     const char
         *checkpoint; /* a file to keep the state of the run in and to go on from; NULL: none */

@@ -19,10 +19,17 @@ int factors_allocate(struct factors *factors, const struct problem *problem,
     *factors = (struct factors){
         .width = r->width, .height = r->height, .channels = r->channels, .terms = problem->terms};
     size_t count = plane_of(factors) * (size_t)factors->terms;
+    const struct terms_data *data = problem->data;
+    int sets = data ? terms_data_sets(data) : factors->channels;
+    bool two_sided = !data || data->copy_count == 2;
+    factors->numbers = data ? data->grid.count : 0;
     for (int c = 0; c < factors->channels; c++) {
-        factors->f[c] = calloc(count, sizeof *factors->f[c]);
-        factors->h[c] = calloc(count, sizeof *factors->h[c]);
-        if (!factors->f[c] || !factors->h[c]) {
+        factors->f[c] = c < sets ? calloc(count, sizeof *factors->f[c]) : NULL;
+        factors->h[c] = c < sets && two_sided ? calloc(count, sizeof *factors->h[c]) : NULL;
+        factors->kernels[c] =
+            data ? calloc((size_t)factors->terms * (size_t)factors->numbers, sizeof(float)) : NULL;
+        if ((c < sets && (!factors->f[c] || (two_sided && !factors->h[c]))) ||
+            (data && !factors->kernels[c])) {
             return nacre_fail_memory(error, "the factors");
         }
     }
@@ -34,6 +41,7 @@ void factors_finish(struct factors *factors)
     for (int c = 0; c < RESPONSES_CHANNELS; c++) {
         free(factors->f[c]);
         free(factors->h[c]);
+        free(factors->kernels[c]);
     }
     *factors = (struct factors){0};
 }
@@ -43,6 +51,9 @@ int factors_read(struct factors *factors, struct method *method, struct nacre_er
     int status = NACRE_OK;
     for (int c = 0; c < factors->channels && status == NACRE_OK; c++) {
         status = method->ops->read(method, c, factors->f[c], factors->h[c], error);
+        if (status == NACRE_OK && factors->kernels[c]) {
+            status = method->ops->read_kernels(method, c, factors->kernels[c], error);
+        }
     }
     return status;
 }
@@ -83,7 +94,8 @@ static void rank(const struct factors *factors, int channel, int keep, struct st
     size_t plane = plane_of(factors);
     for (int t = 0; t < factors->terms; t++) {
         const float *f = factors->f[channel] + (size_t)t * plane;
-        const float *h = factors->h[channel] + (size_t)t * plane;
+        const float *h =
+            (factors->h[channel] ? factors->h[channel] : factors->f[channel]) + (size_t)t * plane;
         double sum_f = 0, sum_h = 0;
         for (size_t i = 0; i < plane; i++) {
             sum_f += (double)f[i];
@@ -104,7 +116,9 @@ static void add_small(struct factors *to, int channel, int kept, uint64_t seed)
     uint64_t stream = random_bits(seed, 2 * (uint64_t)channel);
     for (size_t i = first; i < end; i++) {
         to->f[channel][i] = 2 * size * (float)random_uniform(stream, 2 * i);
-        to->h[channel][i] = 2 * size * (float)random_uniform(stream, 2 * i + 1);
+        if (to->h[channel]) {
+            to->h[channel][i] = 2 * size * (float)random_uniform(stream, 2 * i + 1);
+        }
     }
 }
 
@@ -117,12 +131,14 @@ int factors_fit(const struct factors *from, uint64_t seed, struct factors *to,
     if (!terms) {
         return nacre_fail_memory(error, "the factors");
     }
-    for (int c = 0; c < from->channels; c++) {
+    for (int c = 0; c < from->channels && from->f[c]; c++) {
         rank(from, c, kept, terms);
         for (int t = 0; t < kept; t++) {
             size_t source = (size_t)terms[t].term * plane;
             memcpy(to->f[c] + (size_t)t * plane, from->f[c] + source, plane * sizeof *to->f[c]);
-            memcpy(to->h[c] + (size_t)t * plane, from->h[c] + source, plane * sizeof *to->h[c]);
+            if (to->h[c]) {
+                memcpy(to->h[c] + (size_t)t * plane, from->h[c] + source, plane * sizeof *to->h[c]);
+            }
         }
         add_small(to, c, kept, seed);
     }

@@ -6,7 +6,10 @@
 
 struct factors {
     int width, height, channels, terms;
-    float *f[RESPONSES_CHANNELS], *h[RESPONSES_CHANNELS]; /* [terms][height][width], scaled units */
+    float *f[RESPONSES_CHANNELS], *h[RESPONSES_CHANNELS]; /* [terms][height][width], scaled units;
+                                                             * h NULL: H = F; f NULL: the first's */
+    int numbers;                                          /* of a kernel, with a kernel per term */
+    float *kernels[RESPONSES_CHANNELS];                   /* [terms][numbers], else NULL */
 };
 
 /* Make room for the factors of a problem. The caller calls factors_finish, also after a failure. */

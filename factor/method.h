@@ -4,6 +4,7 @@
 
 #include "factor/responses.h"
 #include "factor/tell.h"
+#include "factor/terms_data.h"
 
 #include <stddef.h>
 #include <stdint.h>
@@ -17,6 +18,10 @@ struct problem {
     int clusters, terms;
     uint64_t seed;     /* of the first factors */
     double regularise; /* 0: not */
+
+    /* Not NULL: the model with a kernel per term, and what it is fitted to. Then kernels and ids are those of one cluster. */
+    const struct terms_data *data;
+    const uint32_t *kinds; /* [height][width]: which term a point's light starts as; below terms */
 };
 
 struct method;
@@ -32,8 +37,13 @@ struct method_ops {
     int (*measure)(struct method *method, int channel, double *objective,
                    struct nacre_error *error);
 
-    /* Copy the factors of one channel to f and h, [terms][height][width]. */
+    /* Copy the factors of one channel to f and h, [terms][height][width]; h is NULL where H = F, and planes that all
+     * channels share are those of the first. */
     int (*read)(struct method *method, int channel, float *f, float *h, struct nacre_error *error);
+
+    /* With a kernel per term: the kernels' numbers of one channel, [terms][numbers of a kernel]; else NULL. */
+    int (*read_kernels)(struct method *method, int channel, float *numbers,
+                        struct nacre_error *error);
 
     /* Replace the factors of one channel, values >= 0. */
     int (*write)(struct method *method, int channel, const float *f, const float *h,

@@ -92,6 +92,34 @@ static void add_terms(const struct factors *factors, int channel, size_t point, 
 }
 
 /* The squared difference of one channel of a point. */
+/* The same with a kernel per term: row v of the window, from entry u0 on, without the centre, which c holds. */
+static void add_shaped(const struct problem *problem, const struct factors *factors, int channel,
+                       size_t point, size_t first_there, int v, int u0, int count, float *line)
+{
+    const struct terms_data *data = problem->data;
+    const struct terms_grid *g = &data->grid;
+    size_t plane = (size_t)factors->width * (size_t)factors->height;
+    int set = factors->f[channel] ? channel : 0;
+    const float *own = factors->f[set], *other = factors->h[set] ? factors->h[set] : own;
+    memset(line, 0, (size_t)count * sizeof *line);
+    for (size_t t = 0; t < (size_t)factors->terms; t++) {
+        const float *numbers = factors->kernels[channel] + t * (size_t)g->count;
+        for (int u = 0; u < count; u++) {
+            int at = v * g->window + u0 + u;
+            double share = g->share[at];
+            double value = (1 - share) * (double)numbers[g->first[at]];
+            value += share > 0 ? share * (double)numbers[g->first[at] + 1] : 0;
+            line[u] += (float)(value * (double)own[t * plane + point] *
+                               (double)other[t * plane + first_there + (size_t)u]);
+        }
+    }
+    for (int u = 0; u < count; u++) {
+        size_t there = first_there + (size_t)u;
+        line[u] = ldexpf(line[u], data->copies[0].exponent[channel]);
+        line[u] *= data->gain ? data->gain[point] / data->gain[there] : 1;
+    }
+}
+
 static double miss(const struct probe *probe, const struct problem *problem,
                    const struct factors *factors, size_t i, int channel)
 {
@@ -113,10 +141,16 @@ static double miss(const struct probe *probe, const struct problem *problem,
             continue;
         }
         size_t first = (size_t)v * window + (size_t)u0;
-        add_terms(factors, channel, point,
-                  (size_t)there * (size_t)r->width + (size_t)(x + u0 - half), u1 - u0, line);
+        size_t from = (size_t)there * (size_t)r->width + (size_t)(x + u0 - half);
+        if (problem->data) {
+            add_shaped(problem, factors, channel, point, from, v, u0, u1 - u0, line);
+        } else {
+            add_terms(factors, channel, point, from, u1 - u0, line);
+        }
         for (size_t u = 0; u < (size_t)(u1 - u0); u++) {
-            float difference = measured[first + u] - line[u] * kernel[first + u];
+            float modelled = problem->data ? line[u] : line[u] * kernel[first + u];
+            bool centred = problem->data && v == half && u0 + (int)u == half;
+            float difference = centred ? 0 : measured[first + u] - modelled;
             sum += isnan(measured[first + u]) ? 0 : (double)(difference * difference);
         }
     }

@@ -65,11 +65,15 @@ static char *identify(const struct conductor *c)
 {
     static const char *const methods[] = {"hals", "mu"}, *const kernels[] = {"average", "max"},
                              *const stores[] = {"auto", "float", "half"},
-                             *const weights[] = {"kernel", "response"};
+                             *const weights[] = {"kernel", "response", "auto"};
     const struct factor_options *o = c->options;
     const struct responses *r = c->responses;
     char *text = NULL, terms[16], clusters[16], iterations[16];
     unsigned long long contents = 0;
+    char model[96];
+    (void)snprintf(model, sizeof model, "terms, %s kernels, %s planes of %d bits, reciprocity %d",
+                   o->full_kernels ? "full" : "radial", o->separate_planes ? "separate" : "shared",
+                   o->bits, (int)o->reciprocity);
     if (!sum_responses(r, &contents)) {
         return NULL;
     }
@@ -80,13 +84,15 @@ static char *identify(const struct conductor *c)
         &text,
         "scan: %d x %d points, window %d, %d channels, pitch %.9g mm, contents %016llx\n"
         "device: %s, %d lanes, responses as %s\n"
-        "method: %s\nweight: %s\nterms: %s\nclusters: %s\niterations: %s\ntolerance: %.9g\nerror: "
+        "model: %s\nmethod: %s\nweight: %s\nterms: %s\nclusters: %s\niterations: %s\ntolerance: "
+        "%.9g\nerror: "
         "%.9g\n"
         "within: %.9g s\nkernel: %s\nepsilon: %.9g\nregularise: %.9g\nstore: %s\nseed: %d\n",
         r->width, r->height, r->window, r->channels, c->pitch_mm, contents, c->opencl->name,
-        r->lanes, r->half ? "half floats" : "floats", methods[o->method], weights[o->weight], terms,
-        clusters, iterations, o->tolerance, o->error, o->seconds, kernels[o->kernel], o->epsilon,
-        o->regularise, stores[o->store], o->seed);
+        r->lanes, r->half ? "half floats" : "floats",
+        o->model == FACTOR_MODEL_TERMS ? model : "clusters", methods[o->method], weights[o->weight],
+        terms, clusters, iterations, o->tolerance, o->error, o->seconds, kernels[o->kernel],
+        o->epsilon, o->regularise, stores[o->store], o->seed);
     return written < 0 ? NULL : text;
 }
 
@@ -149,7 +155,8 @@ static int get_attempt(const struct conductor *c, struct attempt *a, struct blob
     if (blob->failed || !is_plausible(c, &head, blob)) {
         return fail_contents(error);
     }
-    int status = attempt_begin(a, c->responses, NULL, c->options, head.terms, head.clusters, error);
+    int status = attempt_begin(a, c->responses, NULL, conductor_data(c), c->options, head.terms,
+                               head.clusters, error);
     for (int i = 0; i < head.history_count && status == NACRE_OK; i++) {
         status = attempt_extend_history(a, error);
     }
@@ -182,9 +189,31 @@ static int get_attempt(const struct conductor *c, struct attempt *a, struct blob
     return blob->failed ? fail_contents(error) : NACRE_OK;
 }
 
-static size_t factor_bytes(const struct factors *f)
+/* The planes and kernels of factors that there are, one after the other: put, or got. */
+static void move_factors(const struct factors *f, struct blob *blob,
+                         void (*move)(struct blob *blob, float *values, size_t bytes))
 {
-    return (size_t)f->terms * (size_t)f->width * (size_t)f->height * sizeof(float);
+    size_t planes = (size_t)f->terms * (size_t)f->width * (size_t)f->height * sizeof(float);
+    size_t kernels = (size_t)f->terms * (size_t)f->numbers * sizeof(float);
+    for (int c = 0; c < f->channels; c++) {
+        move(blob, f->f[c], f->f[c] ? planes : 0);
+        move(blob, f->h[c], f->h[c] ? planes : 0);
+        move(blob, f->kernels[c], f->kernels[c] ? kernels : 0);
+    }
+}
+
+static void put_values(struct blob *blob, float *values, size_t bytes)
+{
+    if (bytes > 0) {
+        blob_put(blob, values, bytes);
+    }
+}
+
+static void get_values(struct blob *blob, float *values, size_t bytes)
+{
+    if (bytes > 0) {
+        blob_get(blob, values, bytes);
+    }
 }
 
 /* The open attempt's method. */
@@ -238,10 +267,7 @@ int conductor_save(struct conductor *c, struct nacre_error *error)
     blob_put(&blob, &c->search, sizeof c->search);
     if (status == NACRE_OK && head.has_best) {
         put_attempt(c, &c->best, c->best.seconds, &blob);
-        for (int i = 0; i < c->responses->channels; i++) {
-            blob_put(&blob, c->best.factors.f[i], factor_bytes(&c->best.factors));
-            blob_put(&blob, c->best.factors.h[i], factor_bytes(&c->best.factors));
-        }
+        move_factors(&c->best.factors, &blob, put_values);
     }
     if (status == NACRE_OK && head.now_is_open) {
         put_attempt(c, &c->now, c->now.seconds + now, &blob);
@@ -257,9 +283,8 @@ int conductor_save(struct conductor *c, struct nacre_error *error)
 static int get_best(struct conductor *c, struct blob *blob, struct nacre_error *error)
 {
     int status = get_attempt(c, &c->best, blob, error);
-    for (int i = 0; i < c->responses->channels && status == NACRE_OK; i++) {
-        blob_get(blob, c->best.factors.f[i], factor_bytes(&c->best.factors));
-        blob_get(blob, c->best.factors.h[i], factor_bytes(&c->best.factors));
+    if (status == NACRE_OK) {
+        move_factors(&c->best.factors, blob, get_values);
     }
     return status;
 }

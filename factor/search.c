@@ -25,6 +25,9 @@ enum {
 
 double search_bytes(const struct search *s, int terms, int clusters)
 {
+    if (s->shaped) {
+        return terms * (s->plane_bytes + s->kernel_bytes) + s->other_bytes;
+    }
     double points = (double)s->points, channels = (double)s->channels, window = (double)s->window;
     double factors = 2.0 * terms * channels * points * (double)s->value_bytes;
     double kernels = clusters * channels * window * window * 4;

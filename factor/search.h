@@ -26,6 +26,9 @@ struct search {
     bool
         cheapest; /* an error is to be held: from the smallest material up, then between; else from the middle */
     size_t points, channels, window, value_bytes; /* what materials are made of */
+    bool shaped;                      /* with a kernel per term, and no clusters but one: */
+    double plane_bytes, kernel_bytes; /* of one term, ... */
+    double other_bytes;               /* and of all but terms */
     int count;
     struct search_try tries[SEARCH_TRIES];
 };

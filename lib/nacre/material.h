@@ -37,9 +37,16 @@ struct nacre_material {
     float *f;       /* [terms][factor_channels][height][width] */
     float *h;       /* the same, or NULL: H = F */
     float *kernels; /* [n][channels][K][K], epsilon already in */
-    uint32_t *ids;  /* [mixed][height][width], or NULL */
+    int radii; /* kernels are radial, known by profiles at so many radii; 0: each entry by itself */
+    float *radius; /* [radii], rising, or NULL; in surface points */
+    float
+        *profiles; /* [n][channels][radii], which nacre_material_spread makes kernels of, or NULL */
+    uint32_t *ids; /* [mixed][height][width], or NULL */
     float *weights; /* [mixed][height][width], sum to 1 over mixed, or NULL */
     float *centre;  /* [channels][height][width], or NULL */
+    float *
+        gain; /* [height][width], > 0, or NULL: F(x, t) = gain(x) U(x, t) and H(t, x) = U(x, t) / gain(x), and the
+                  * file holds U in place of both; f and h are the products */
 
     double pitch_mm;
     double epsilon; /* relative to each kernel's maximum in each channel */
@@ -59,10 +66,13 @@ struct nacre_material {
 /* Number of kernels: clusters, clusters^2 or terms. */
 int nacre_material_kernel_count(const struct nacre_material *material);
 
-/* Allocate all planes, zeroed, for the sizes, layout and channels already set in *material; `with_h` and
+/* Allocate all planes, zeroed, for the sizes, layout, channels and radii already set in *material (gain stays NULL); `with_h` and
  * `with_centre` say whether the optional ones exist. nacre_material_finish frees them. */
 int nacre_material_allocate(struct nacre_material *material, bool with_h, bool with_centre,
                             struct nacre_error *error);
+
+/* Make the kernels of the profiles: linear between radii, 0 beyond the last. Without profiles nothing is done. */
+void nacre_material_spread(struct nacre_material *material);
 
 /* Append a copy of one warning. */
 int nacre_material_warn(struct nacre_material *material, const char *text,
@@ -77,7 +87,7 @@ int nacre_material_read(const char *path, struct nacre_material *material,
 int nacre_material_write(const char *path, const struct nacre_material *material,
                          struct nacre_error *error);
 
-/* Round F, H and centre to the stored pixel type, as a write and a read would. */
+/* Round F, H and centre, of a quantised material the albedo too, to the stored pixel type, as a write and a read would. */
 void nacre_material_round(struct nacre_material *material);
 
 /* Free everything and empty *material. */

@@ -9,7 +9,8 @@
 int material_add_attributes(struct exr_part *part, const struct nacre_material *material)
 {
     static const char *const layouts[] = {"single", "pair", "term"};
-    int status = exr_part_add_string(part, "nacre.format", "material 1");
+    int status = exr_part_add_string(
+        part, "nacre.format", material->radii > 0 || material->gain ? "material 2" : "material 1");
     status |= exr_part_add_float(part, "nacre.pitch", (float)material->pitch_mm);
     status |= exr_part_add_int(part, "nacre.window", material->window);
     status |= exr_part_add_int(part, "nacre.terms", material->terms);
@@ -26,6 +27,10 @@ int material_add_attributes(struct exr_part *part, const struct nacre_material *
     status |= exr_part_add_float(part, "nacre.error.max", (float)material->error_max);
     if (material->bits > 0) {
         status |= exr_part_add_int(part, "nacre.bits", material->bits);
+    }
+    if (material->radii > 0) {
+        status |=
+            exr_part_add_floats(part, "nacre.radii", material->radius, (size_t)material->radii);
     }
     if (material->history_count > 0) {
         status |= exr_part_add_floats(part, "nacre.history.objective", material->history_objective,
@@ -81,12 +86,12 @@ static int read_format(const struct exr_part *first, struct nacre_material *mate
     const char *layout = get_string(first, "nacre.kernels");
     if (format[0] == '\0') {
         return nacre_fail(error, "not a material: the attribute nacre.format is missing; it should "
-                                 "be \"material 1\"");
+                                 "be \"material 1\" or \"material 2\"");
     }
-    if (strcmp(format, "material 1") != 0) {
+    if (strcmp(format, "material 1") != 0 && strcmp(format, "material 2") != 0) {
         return nacre_fail(error,
                           "not a material: nacre.format is \"%.64s\", and this program reads "
-                          "\"material 1\"",
+                          "\"material 1\" and \"material 2\"",
                           format);
     }
     if (strcmp(layout, "single") == 0) {

@@ -6,6 +6,7 @@
 
 #include <ctype.h>
 #include <limits.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -124,6 +125,64 @@ static int read_factor(const struct exr_part *part, const struct nacre_material 
     return status;
 }
 
+/* Profiles of radial kernels, a row each. */
+static int read_profiles(const struct exr_file *file, struct nacre_material *material,
+                         struct nacre_error *error)
+{
+    const struct exr_part *part = NULL;
+    const struct exr_attribute *radii = exr_part_find(&file->parts[0], "nacre.radii", EXR_FLOATS);
+    int count = nacre_material_kernel_count(material);
+    size_t row = (size_t)material->radii, channels = (size_t)material->channels;
+    int status = find_part(file, "kernel", material->radii, count, &part, error);
+    if (status == NACRE_OK) {
+        status = check_count(part, channels, error);
+    }
+    memcpy(material->radius, radii->floats, row * sizeof *material->radius);
+    for (size_t c = 0; c < channels && status == NACRE_OK; c++) {
+        const struct exr_plane *plane = NULL;
+        status = find_plane(part, channel_name(material->channels, (int)c), false, &plane, error);
+        for (size_t j = 0; j < (size_t)count && status == NACRE_OK; j++) {
+            memcpy(material->profiles + (j * channels + c) * row, plane->values + j * row,
+                   row * sizeof *plane->values);
+        }
+    }
+    if (status == NACRE_OK) {
+        nacre_material_spread(material);
+    }
+    return status;
+}
+
+/* F and H of U and their gain. */
+static int read_gain(const struct exr_file *file, struct nacre_material *material,
+                     struct nacre_error *error)
+{
+    size_t size = (size_t)material->width * (size_t)material->height;
+    size_t planes = (size_t)material->terms * (size_t)material->factor_channels;
+    const struct exr_part *part = NULL;
+    int status = find_part(file, "gain", material->width, material->height, &part, error);
+    if (status != NACRE_OK) {
+        return status;
+    }
+    material->gain = calloc(size, sizeof *material->gain);
+    if (!material->gain) {
+        return nacre_fail_memory(error, "the gain");
+    }
+    status = read_colours(part, 1, material->gain, error);
+    for (size_t i = 0; i < size && status == NACRE_OK; i++) {
+        if (!(material->gain[i] > 0) || !isfinite(material->gain[i])) {
+            status =
+                nacre_fail(error, "part gain: the value at (%zu, %zu) is %g; it must be positive",
+                           i % (size_t)material->width, i / (size_t)material->width,
+                           (double)material->gain[i]);
+        }
+    }
+    for (size_t i = 0; i < planes * size && status == NACRE_OK; i++) {
+        material->h[i] = material->f[i] / material->gain[i % size];
+        material->f[i] *= material->gain[i % size];
+    }
+    return status;
+}
+
 static int read_kernels(const struct exr_file *file, struct nacre_material *material,
                         struct nacre_error *error)
 {
@@ -131,6 +190,9 @@ static int read_kernels(const struct exr_file *file, struct nacre_material *mate
     int count = nacre_material_kernel_count(material);
     int window = material->window;
     size_t size = (size_t)window * (size_t)window;
+    if (material->radii > 0) {
+        return read_profiles(file, material, error);
+    }
     if (count > INT_MAX / window) {
         return nacre_fail(error, "%d kernels of %d x %d pixels cannot be in one part", count,
                           window, window);
@@ -170,6 +232,25 @@ static int read_clusters(const struct exr_part *part, struct nacre_material *mat
         }
     }
     return status;
+}
+
+/* Radii at which radial kernels are known: rising from 0. */
+static int read_radii(const struct exr_part *first, struct nacre_material *material,
+                      struct nacre_error *error)
+{
+    const struct exr_attribute *radii = exr_part_find(first, "nacre.radii", EXR_FLOATS);
+    for (size_t i = 0; radii && i < radii->count; i++) {
+        if (!isfinite(radii->floats[i]) || radii->floats[i] < 0 ||
+            (i > 0 && radii->floats[i] <= radii->floats[i - 1])) {
+            return nacre_fail(error, "nacre.radii: number %zu is %g; radii rise from 0", i,
+                              (double)radii->floats[i]);
+        }
+    }
+    if (radii && radii->count > INT_MAX) {
+        return nacre_fail(error, "nacre.radii: %zu radii are too many", radii->count);
+    }
+    material->radii = radii ? (int)radii->count : 0;
+    return NACRE_OK;
 }
 
 /* Sizes that are told by the parts themselves, so that memory is only asked for what the file
@@ -219,7 +300,9 @@ static int check_parts(const struct exr_file *file, const struct nacre_material 
 {
     const struct exr_part *part = exr_file_find_part(file, "F");
     size_t planes = (size_t)material->terms * (size_t)material->factor_channels;
-    int64_t rows = (int64_t)nacre_material_kernel_count(material) * material->window;
+    int columns = material->radii > 0 ? material->radii : material->window;
+    int64_t rows = (int64_t)nacre_material_kernel_count(material) *
+                   (material->radii > 0 ? 1 : material->window);
     int status = check_count(part, planes, error);
     if (status != NACRE_OK) {
         return status;
@@ -228,9 +311,9 @@ static int check_parts(const struct exr_file *file, const struct nacre_material 
     if (!part) {
         return nacre_fail(error, "part kernel is missing");
     }
-    if (part->width != material->window || part->height != rows) {
+    if (part->width != columns || part->height != rows) {
         return nacre_fail(error, "part kernel is %d x %d pixels; it must be %d x %lld", part->width,
-                          part->height, material->window, (long long)rows);
+                          part->height, columns, (long long)rows);
     }
     return NACRE_OK;
 }
@@ -245,7 +328,10 @@ static int read_planes(const struct exr_file *file, struct nacre_material *mater
     if (status == NACRE_OK) {
         status = read_factor(exr_file_find_part(file, "F"), material, material->f, error);
     }
-    if (status == NACRE_OK && material->h) {
+    bool gained = exr_file_find_part(file, "gain") != NULL;
+    if (status == NACRE_OK && gained) {
+        status = read_gain(file, material, error);
+    } else if (status == NACRE_OK && material->h) {
         status = find_part(file, "H", width, height, &part, error);
         if (status == NACRE_OK) {
             status = read_factor(part, material, material->h, error);
@@ -273,13 +359,20 @@ static int read_material(const struct exr_file *file, struct nacre_material *mat
     const struct exr_part *clusters = NULL;
     int status = material_read_attributes(first, material, error);
     if (status == NACRE_OK) {
+        status = read_radii(first, material, error);
+    }
+    if (status == NACRE_OK) {
         status = read_sizes(file, material, &clusters, error);
     }
     if (status == NACRE_OK) {
         status = check_parts(file, material, error);
     }
     if (status == NACRE_OK) {
-        status = nacre_material_allocate(material, exr_file_find_part(file, "H") != NULL,
+        bool with_gain = exr_file_find_part(file, "gain") != NULL;
+        if (with_gain && exr_file_find_part(file, "H")) {
+            return nacre_fail(error, "part gain: a material with a part H has none");
+        }
+        status = nacre_material_allocate(material, exr_file_find_part(file, "H") || with_gain,
                                          exr_file_find_part(file, "centre") != NULL, error);
     }
     return status == NACRE_OK ? read_planes(file, material, clusters, error) : status;

@@ -6,6 +6,7 @@
 
 #include <math.h>
 #include <stdio.h>
+#include <stdlib.h>
 #include <string.h>
 
 /* Add one plane with a copy of the values. */
@@ -93,6 +94,47 @@ static int add_clusters(struct exr_file *file, const struct nacre_material *mate
     return status;
 }
 
+/* Radial kernels are stored as one row each. */
+static int add_profiles(struct exr_file *file, const struct nacre_material *material)
+{
+    int count = nacre_material_kernel_count(material);
+    size_t radii = (size_t)material->radii, channels = (size_t)material->channels;
+    struct exr_part *part = exr_file_add_part(file, "kernel", material->radii, count);
+    for (size_t c = 0; c < channels; c++) {
+        struct exr_plane *plane =
+            part ? exr_part_add_plane(part, channel_name(material->channels, (int)c), NACRE_FLOAT)
+                 : NULL;
+        if (!plane) {
+            return NACRE_FAILED;
+        }
+        for (size_t j = 0; j < (size_t)count; j++) {
+            memcpy(plane->values + j * radii, material->profiles + (j * channels + c) * radii,
+                   radii * sizeof *plane->values);
+        }
+    }
+    return NACRE_OK;
+}
+
+/* U of F = gain U and H = U / gain, and the gain. */
+static int add_gained(struct exr_file *file, const struct nacre_material *material)
+{
+    size_t count = (size_t)material->terms * (size_t)material->factor_channels *
+                   (size_t)material->width * (size_t)material->height;
+    float *planes = malloc(count * sizeof *planes);
+    int status = planes ? NACRE_OK : NACRE_FAILED;
+    for (size_t i = 0; planes && i < count; i++) {
+        planes[i] = (float)sqrt((double)material->f[i] * (double)material->h[i]);
+    }
+    if (status == NACRE_OK) {
+        status = add_factor(file, "F", material, planes);
+    }
+    free(planes);
+    struct exr_part *part = status == NACRE_OK
+                                ? exr_file_add_part(file, "gain", material->width, material->height)
+                                : NULL;
+    return part ? add_plane(part, "Y", NACRE_HALF, material->gain) : NACRE_FAILED;
+}
+
 static int check(const char *path, const struct nacre_material *material, struct nacre_error *error)
 {
     if (material_check_sizes(material, error) != NACRE_OK ||
@@ -114,18 +156,20 @@ int nacre_material_write(const char *path, const struct nacre_material *material
     if (status != NACRE_OK) {
         return status;
     }
-    status = add_colours(&file, "albedo", material, NACRE_FLOAT, material->albedo);
+    status = add_colours(&file, "albedo", material,
+                         material->bits > 0 ? material->pixel : NACRE_FLOAT, material->albedo);
     if (status == NACRE_OK) {
         status = material_add_attributes(&file.parts[0], material);
     }
     if (status == NACRE_OK) {
-        status = add_factor(&file, "F", material, material->f);
+        status = material->gain ? add_gained(&file, material)
+                                : add_factor(&file, "F", material, material->f);
     }
-    if (status == NACRE_OK && material->h) {
+    if (status == NACRE_OK && material->h && !material->gain) {
         status = add_factor(&file, "H", material, material->h);
     }
     if (status == NACRE_OK) {
-        status = add_kernels(&file, material);
+        status = material->radii > 0 ? add_profiles(&file, material) : add_kernels(&file, material);
     }
     if (status == NACRE_OK && material->mixed > 0) {
         status = add_clusters(&file, material);
@@ -136,7 +180,7 @@ int nacre_material_write(const char *path, const struct nacre_material *material
     if (status != NACRE_OK) {
         status = nacre_fail_memory(error, path);
     } else {
-        status = exr_file_write(path, &file, EXR_ZIP, error);
+        status = exr_file_write(path, &file, material->bits > 0 ? EXR_PIZ : EXR_ZIP, error);
     }
     exr_file_finish(&file);
     return status;

@@ -38,8 +38,8 @@ void case_make(const struct bench_case *c, int lanes, bool half, struct case_pro
     struct nacre_error error = {0};
     *made = (struct case_problem){.responses = field_load(&field, lanes, half)};
     if (features_new(&made->responses, &features, &error) != NACRE_OK ||
-        attempt_begin(&made->attempt, &made->responses, &features, &options, c->terms, c->clusters,
-                      &error) != NACRE_OK) {
+        attempt_begin(&made->attempt, &made->responses, &features, NULL, &options, c->terms,
+                      c->clusters, &error) != NACRE_OK) {
         fail(error.text);
     }
     features_finish(&features);

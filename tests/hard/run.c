@@ -43,7 +43,7 @@ static void open_stage(struct stage *s, const struct sample *sample, const struc
     options.epsilon = hard_epsilon(hard);
     s->responses = half ? sample_load_half(sample, lanes) : sample_load(sample, lanes);
     bench_succeed(features_new(&s->responses, &features, &error), &error);
-    bench_succeed(attempt_begin(&s->attempt, &s->responses, &features, &options, hard->terms,
+    bench_succeed(attempt_begin(&s->attempt, &s->responses, &features, NULL, &options, hard->terms,
                                 hard->clusters, &error),
                   &error);
     features_finish(&features);

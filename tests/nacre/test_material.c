@@ -308,7 +308,7 @@ static void without_format(struct exr_file *file)
 
 static void with_other_format(struct exr_file *file)
 {
-    set_string(file, "nacre.format", "material 2");
+    set_string(file, "nacre.format", "material 3");
 }
 
 static void with_other_kernels(struct exr_file *file)
@@ -496,8 +496,9 @@ static void with_clusters_per_term(struct exr_file *file)
 static void wrong_attributes_are_refused_by_name(void)
 {
     expect_refusal(paper, without_format, "not a material: the attribute nacre.format is missing");
-    expect_refusal(paper, with_other_format,
-                   "nacre.format is \"material 2\", and this program reads \"material 1\"");
+    expect_refusal(
+        paper, with_other_format,
+        "nacre.format is \"material 3\", and this program reads \"material 1\" and \"material 2\"");
     expect_refusal(paper, with_other_kernels, "nacre.kernels is \"many\"; it must be single");
     expect_refusal(paper, without_pitch, "part albedo: the attribute nacre.pitch (float)");
     expect_refusal(paper, with_pitch_zero, "nacre.pitch is 0 mm; it must be positive");

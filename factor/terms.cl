@@ -1,0 +1,315 @@
+/* Steps of the model with a kernel per term, R(x, d) ~ sum_t own_t(x) g_t(d) other_t(x + d): the method "terms".
+ *
+ * A work-item of `visit` takes the LANES points of a block. For each row of the other planes it goes through the
+ * window's columns, CHUNK at a time:
+ *
+ *     phase 1:  g other of all terms into a small buffer, and the weighted residual V (R - sum own g other)
+ *     phase 2:  gradient += residual * (g other) for all terms
+ *     phase 3:  A += V (g other) (g other)^T for all pairs of terms, where that is asked for
+ *
+ * with V = scale(d) (near(x) + far(x + d)). `descend` finds each point's best step from gradient and A, and `weigh` sums,
+ * for each entry of the window, the normal equations of the kernels' values over all points. layout.cl tells how all
+ * lies; the centre of the window is left out everywhere. */
+
+#include "layout.cl"
+
+#ifndef TERMS
+#define TERMS 8
+#endif
+#ifndef CHUNK
+#define CHUNK 8 /* columns of the window at a time */
+#endif
+#ifndef COLUMNS
+#define COLUMNS 2 /* columns of the window of a work-item of weigh */
+#endif
+#define VSTORE JOIN(vstore, LANES)
+#define PADDED ((TERMS + 1) / 2 * 2) /* terms are taken in twos */
+#define PAIRS  (TERMS * (TERMS + 1) / 2)
+
+/* Kahan's sum of one more value for each lane. */
+INLINE void add_exactly(VEC *total, VEC *lost, VEC more)
+{
+    VEC rest = more - *lost, added = *total + rest;
+    *lost = (added - *total) - rest;
+    *total = added;
+}
+
+INLINE void write_sum(global float *sums, VEC total, VEC lost)
+{
+    float lanes[LANES], sum = 0, error = 0;
+    *(VEC *)lanes = total;
+    for (int lane = 0; lane < LANES; lane++) {
+        float added = sum + (lanes[lane] - error);
+        error = (added - sum) - (lanes[lane] - error);
+        sum = added;
+    }
+    *(VEC *)lanes = lost;
+    for (int lane = 0; lane < LANES; lane++) {
+        error += lanes[lane];
+    }
+    sums[0] = sum;
+    sums[1] = -error;
+}
+
+/* Columns of the window that reach points of the row: [*first, *end). */
+INLINE void reach(int block, int *first, int *end, const struct sizes s)
+{
+    const int left = block * LANES + LANES - 1, right = s.width - 1 - block * LANES;
+    *first = max(0, s.window / 2 - left);
+    *end = min(s.window, s.window / 2 + 1 + right);
+}
+
+/* The weight of entry e of a block of row y and whether it was measured; 0 at the centre. */
+INLINE VEC weight_of(global const ushort *mask, global const float *scales, VEC near,
+                     global const float *far, int v, int e, int block, const struct sizes s)
+{
+    VEC weight = scales[v * s.window + e] * (near + VLOAD(0, far + e - s.window / 2));
+    if (MASKED) {
+        weight = select((VEC)(0), weight, load_mask(mask, s.window, block, e, 0));
+    }
+    return v == s.window / 2 && e == s.window / 2 ? (VEC)(0) : weight;
+}
+
+/* What a block of points holds while its entries pass. */
+struct held {
+    VEC own[TERMS], gradient[PADDED], near;
+    VEC shaped[CHUNK * PADDED]; /* g other, [column][term] */
+    VEC residual[CHUNK], weight[CHUNK];
+};
+
+/* Phase 1. Returns the sum of squares. */
+INLINE VEC find_residuals(struct held *h, global const stored *responses, global const ushort *mask,
+                          global const float *kernels, global const float *scales,
+                          global const float *other, global const float *far, int v, int first,
+                          int count, int block, const struct sizes s)
+{
+    VEC total = 0;
+    for (int j = 0; j < count; j++) {
+        const int e = first + j;
+        global const float *g = kernels + (v * s.window + e) * TERMS;
+        global const float *there = other + e - s.window / 2;
+        VEC model = 0;
+        UNROLL for (int t = 0; t < TERMS; t++)
+        {
+            VEC shaped = g[t] * VLOAD(0, there + t * s.stride);
+            h->shaped[j * PADDED + t] = shaped;
+            model = fma(h->own[t], shaped, model);
+        }
+        VEC weight = weight_of(mask, scales, h->near, far, v, e, block, s);
+        VEC miss = load_entry(responses, s.window, block, e, 0) - model;
+        h->weight[j] = weight;
+        h->residual[j] = weight * miss;
+        total = fma(h->residual[j], miss, total);
+    }
+    return total;
+}
+
+/* Phase 2. */
+INLINE void add_gradient(struct held *h, int count)
+{
+    for (int t = 0; t < PADDED; t += 2) {
+        VEC a = h->gradient[t], b = h->gradient[t + 1];
+        for (int j = 0; j < count; j++) {
+            a = fma(h->residual[j], h->shaped[j * PADDED + t], a);
+            b = fma(h->residual[j], h->shaped[j * PADDED + t + 1], b);
+        }
+        h->gradient[t] = a;
+        h->gradient[t + 1] = b;
+    }
+}
+
+/* Phase 3: the lower triangle of curvature[PADDED][PADDED], in tiles of 2 x 2. */
+INLINE void add_curvature(global VEC *curvature, const struct held *h, int count)
+{
+    for (int t = 0; t < PADDED; t += 2) {
+        VEC of_t[CHUNK], of_u[CHUNK];
+        for (int j = 0; j < count; j++) {
+            of_t[j] = h->weight[j] * h->shaped[j * PADDED + t];
+            of_u[j] = h->weight[j] * h->shaped[j * PADDED + t + 1];
+        }
+        for (int s = 0; s <= t; s += 2) {
+            global VEC *at = curvature + t * PADDED + s;
+            VEC a = at[0], b = at[1], c = at[PADDED], d = at[PADDED + 1];
+            for (int j = 0; j < count; j++) {
+                VEC p = h->shaped[j * PADDED + s], q = h->shaped[j * PADDED + s + 1];
+                a = fma(of_t[j], p, a);
+                b = fma(of_t[j], q, b);
+                c = fma(of_u[j], p, c);
+                d = fma(of_u[j], q, d);
+            }
+            at[0] = a;
+            at[1] = b;
+            at[PADDED] = c;
+            at[PADDED + 1] = d;
+        }
+    }
+}
+
+/* One channel's part of gradient [y][block][PADDED] and curvature [y][block][PADDED][PADDED] of every point, begun anew or
+ * (`more`) added to what is there, and twice the sum of V miss^2 as a sum and its rounding error for each item. Items:
+ * (block, y). */
+kernel void visit(global const stored *responses, global const ushort *mask,
+                  global const float *kernels, global const float *scales, global const float *own,
+                  global const float *other, global const float *near, global const float *far,
+                  global float *gradient, global float *curvature, global float *sums, int more,
+                  int step, const struct sizes s)
+{
+    const int block = get_global_id(0), y = get_global_id(1), half_window = s.window / 2;
+    const size_t item = (size_t)y * s.blocks + block;
+    global VEC *to = (global VEC *)gradient + item * PADDED;
+    global VEC *square = (global VEC *)curvature + item * PADDED * PADDED;
+    const int x = s.pad + block * LANES;
+    struct held h;
+    VEC total = 0, lost = 0;
+    int first, end;
+    reach(block, &first, &end, s);
+    for (int t = 0; t < TERMS; t++) {
+        h.own[t] = VLOAD(0, own + ((size_t)y * s.planes + t) * s.stride + x);
+    }
+    for (int t = 0; t < PADDED; t++) {
+        h.gradient[t] = more ? to[t] : (VEC)(0);
+    }
+    for (int i = 0; i < CHUNK * PADDED; i++) {
+        h.shaped[i] = 0;
+    }
+    for (int i = 0; step && !more && i < PADDED * PADDED; i++) {
+        square[i] = 0;
+    }
+    h.near = VLOAD(0, near + (size_t)y * s.stride + x);
+    for (int v = max(0, half_window - y); v < min(s.window, s.height + half_window - y); v++) {
+        const int there = y + v - half_window;
+        const size_t at = s.lead + ((size_t)y * s.window + v) * (size_t)s.row;
+        VEC row = 0;
+        for (int e = first; e < end; e += CHUNK) {
+            const int count = min(CHUNK, end - e);
+            row += find_residuals(&h, responses + at, mask + (MASKED ? at / LANES : 0), kernels,
+                                  scales, other + (size_t)there * s.planes * s.stride + x,
+                                  far + (size_t)there * s.stride + x, v, e, count, block, s);
+            if (step) {
+                add_gradient(&h, count);
+                add_curvature(square, &h, count);
+            }
+        }
+        add_exactly(&total, &lost, row);
+    }
+    for (int t = 0; step && t < PADDED; t++) {
+        to[t] = h.gradient[t];
+    }
+    write_sum(sums + item * 2, total, lost);
+}
+
+/* The best step that is not negative, from `own` to `next`: coordinate descent on
+ * 1/2 damping z^T A z - gradient^T z, z the change of a point's values. Items: (block, y). */
+kernel void descend(global const float *own, global const float *gradient,
+                    global const float *curvature, global float *next, float damping, int sweeps,
+                    const struct sizes s)
+{
+    const int block = get_global_id(0), y = get_global_id(1);
+    const size_t item = (size_t)y * s.blocks + block;
+    global const VEC *from = (global const VEC *)gradient + item * PADDED;
+    global const VEC *square = (global const VEC *)curvature + item * PADDED * PADDED;
+    const size_t at = (size_t)y * s.planes * s.stride + s.pad + block * LANES;
+    VEC left[TERMS], value[TERMS], trace = 0;
+    for (int t = 0; t < TERMS; t++) {
+        left[t] = from[t];
+        value[t] = VLOAD(0, own + at + (size_t)t * s.stride);
+        trace += square[t * PADDED + t];
+    }
+    const VEC ridge = 1e-6f * trace;
+    for (int sweep = 0; sweep < sweeps; sweep++) {
+        for (int t = 0; t < TERMS; t++) {
+            VEC own_curvature = fma((VEC)(damping), square[t * PADDED + t], ridge);
+            VEC best = fmax((VEC)(0), value[t] + left[t] / fmax(own_curvature, (VEC)(FLT_MIN)));
+            best = select(value[t], best, own_curvature > FLT_MIN);
+            VEC change = damping * (best - value[t]);
+            left[t] -= ridge * (best - value[t]);
+            value[t] = best;
+            for (int u = 0; u < TERMS; u++) {
+                VEC a = u > t ? square[u * PADDED + t] : square[t * PADDED + u];
+                left[u] = fma(-a, change, left[u]);
+            }
+        }
+    }
+    const IVEC inside = (IVEC)(s.width - block * LANES) > LANE_NUMBERS;
+    for (int t = 0; t < TERMS; t++) {
+        VSTORE(select((VEC)(0), value[t], inside), 0, next + at + (size_t)t * s.stride);
+    }
+}
+
+/* next = max(0, now + share (now - before)), element by element. */
+kernel void extrapolate(global const float *now, global const float *before, global float *next,
+                        float share)
+{
+    const size_t i = get_global_id(0);
+    next[i] = fmax(0.0f, now[i] + share * (now[i] - before[i]));
+}
+
+INLINE float sum_lanes(VEC value)
+{
+    float lanes[LANES], sum = 0;
+    *(VEC *)lanes = value;
+    for (int lane = 0; lane < LANES; lane++) {
+        sum += lanes[lane];
+    }
+    return sum;
+}
+
+/* For entries e of rows v of the window from `top` on: equations[v][e][PAIRS + TERMS], the sums over points of
+ * V p_t p_s, s <= t, and of V R p_t, where p_t(x) = own_t(x) other_t(x + d). Items: (columns, v - top). */
+kernel void weigh(global const stored *responses, global const ushort *mask,
+                  global const float *scales, global const float *own, global const float *other,
+                  global const float *near, global const float *far, global float *equations,
+                  int top, const struct sizes s)
+{
+    const int v = get_global_id(1) + top, half_window = s.window / 2;
+    for (int j = 0; j < COLUMNS; j++) {
+        const int e = get_global_id(0) * COLUMNS + j;
+        VEC sums[PAIRS + TERMS], lost[PAIRS + TERMS];
+        if (e >= s.window) {
+            continue;
+        }
+        for (int i = 0; i < PAIRS + TERMS; i++) {
+            sums[i] = 0;
+            lost[i] = 0;
+        }
+        for (int y = max(0, half_window - v); y < min(s.height, s.height + half_window - v); y++) {
+            const int there = y + v - half_window;
+            const size_t at = s.lead + ((size_t)y * s.window + v) * (size_t)s.row;
+            VEC row[PAIRS + TERMS];
+            for (int i = 0; i < PAIRS + TERMS; i++) {
+                row[i] = 0;
+            }
+            for (int block = 0; block < s.blocks; block++) {
+                const int x = s.pad + block * LANES;
+                VEC product[TERMS];
+                VEC weight = weight_of(mask + (MASKED ? at / LANES : 0), scales,
+                                       VLOAD(0, near + (size_t)y * s.stride + x),
+                                       far + (size_t)there * s.stride + x, v, e, block, s);
+                VEC measured = load_entry(responses + at, s.window, block, e, 0);
+                UNROLL for (int t = 0; t < TERMS; t++)
+                {
+                    product[t] = VLOAD(0, own + ((size_t)y * s.planes + t) * s.stride + x) *
+                                 VLOAD(0, other + ((size_t)there * s.planes + t) * s.stride + x +
+                                              e - half_window);
+                }
+                int i = 0;
+                UNROLL for (int t = 0; t < TERMS; t++)
+                {
+                    VEC weighted = weight * product[t];
+                    UNROLL for (int u = 0; u <= t; u++)
+                    {
+                        row[i] = fma(weighted, product[u], row[i]);
+                        i++;
+                    }
+                    row[PAIRS + t] = fma(weighted, measured, row[PAIRS + t]);
+                }
+            }
+            for (int i = 0; i < PAIRS + TERMS; i++) {
+                add_exactly(&sums[i], &lost[i], row[i]);
+            }
+        }
+        for (int i = 0; i < PAIRS + TERMS; i++) {
+            equations[((size_t)v * s.window + e) * (PAIRS + TERMS) + i] = sum_lanes(sums[i]);
+        }
+    }
+}

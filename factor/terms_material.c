@@ -1,0 +1,243 @@
+/* Making a material of planes with a kernel each. */
+#include "factor/terms_material.h"
+
+#include "factor/assemble.h"
+#include "factor/fill.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Planes have a maximum of 2^-PLANE_EXPONENT, so that half floats hold squares of small levels, and kernels the rest. */
+enum { PLANE_EXPONENT = 4 };
+
+/* Logarithmic levels reach this far below the largest value; what is darker becomes the least of them. */
+#define DARKEST 1e-6
+
+/* The least value that half floats hold with all their digits. */
+#define HALF_LEAST 0x1p-14F
+
+int terms_material_allocate(int seed, double pitch_mm, const struct problem *p,
+                            struct nacre_material *m, struct nacre_error *error)
+{
+    const struct terms_data *d = p->data;
+    const struct responses *r = d->responses;
+    *m = (struct nacre_material){.width = r->width,
+                                 .height = r->height,
+                                 .channels = r->channels,
+                                 .factor_channels = terms_data_sets(d),
+                                 .window = r->window,
+                                 .terms = p->terms,
+                                 .layout = NACRE_KERNEL_PER_TERM,
+                                 .pixel = NACRE_HALF,
+                                 .bits = d->options.bits,
+                                 .radii = d->grid.radius ? d->grid.count : 0,
+                                 .pitch_mm = pitch_mm,
+                                 .seed = seed};
+    return nacre_material_allocate(m, d->copy_count == 2 || d->gain, true, error);
+}
+
+static size_t points_of(const struct nacre_material *m)
+{
+    return (size_t)m->width * (size_t)m->height;
+}
+
+/* A plane's values over its maximum to squares of 2^bits evenly spaced roots; returns the maximum over that of the file. */
+static double quantise_roots(float *plane, size_t count, int bits)
+{
+    double largest = 0, levels = ldexp(1, bits) - 1;
+    for (size_t i = 0; i < count; i++) {
+        largest = fmax(largest, (double)plane[i]);
+    }
+    for (size_t i = 0; i < count && largest > 0; i++) {
+        double root = sqrt((double)plane[i] / largest);
+        root = bits > 0 ? rint(root * levels) / levels : root;
+        plane[i] = (float)ldexp(root * root, -PLANE_EXPONENT);
+    }
+    return ldexp(largest, PLANE_EXPONENT);
+}
+
+/* Values above 0 to 2^bits - 1 evenly spaced logarithms; 0 and NaN stay. */
+static void quantise_logarithms(float *plane, size_t count, int bits)
+{
+    double least = INFINITY, largest = 0, levels = ldexp(1, bits) - 2;
+    for (size_t i = 0; i < count; i++) {
+        if (plane[i] > 0) {
+            least = fmin(least, (double)plane[i]);
+            largest = fmax(largest, (double)plane[i]);
+        }
+    }
+    least = fmax(least, largest * DARKEST);
+    double range = largest > least ? log(largest / least) : 1;
+    for (size_t i = 0; i < count && bits > 0; i++) {
+        if (plane[i] > 0) {
+            double level = rint(log(fmax((double)plane[i], least) / least) / range * levels);
+            plane[i] = (float)(least * exp(level / levels * range));
+        }
+    }
+}
+
+/* Points of which something was measured in any of `count` channels from the first on, as x_i or x_o. */
+static void find_known(const struct responses *r, int first, int count, uint8_t *known,
+                       uint8_t *work)
+{
+    size_t points = (size_t)r->width * (size_t)r->height;
+    memset(known, 0, points);
+    for (int c = first; c < first + count; c++) {
+        for (int outgoing = 0; outgoing < 2; outgoing++) {
+            assemble_known(r, c, outgoing, work);
+            for (size_t i = 0; i < points; i++) {
+                known[i] |= work[i];
+            }
+        }
+    }
+}
+
+/* One side's planes of one set, filled and quantised; scales[terms] become what kernels are to be multiplied by. */
+static int fill_planes_of(const struct problem *p, const float *from, int set, const uint8_t *known,
+                          float *to, int sets, int bits, double *scales, struct nacre_error *error)
+{
+    const struct responses *r = p->data->responses;
+    size_t points = (size_t)r->width * (size_t)r->height, terms = (size_t)p->terms;
+    float *planes = malloc(terms * points * sizeof *planes);
+    if (!planes) {
+        return nacre_fail_memory(error, "the planes");
+    }
+    memcpy(planes, from, terms * points * sizeof *planes);
+    int status = r->mask_needed
+                     ? fill_planes(r->width, r->height, known, p->ids, planes, terms, points, error)
+                     : NACRE_OK;
+    for (size_t t = 0; t < terms && status == NACRE_OK; t++) {
+        scales[t] *= quantise_roots(planes + t * points, points, bits);
+        memcpy(to + (t * (size_t)sets + (size_t)set) * points, planes + t * points,
+               points * sizeof *to);
+    }
+    free(planes);
+    return status;
+}
+
+/* Kernels in the responses' own unit; the centre is not theirs. */
+static void place_kernels(const struct problem *p, const struct factors *factors, int channel,
+                          const double *scales, struct nacre_material *m)
+{
+    const struct terms_data *d = p->data;
+    int exponent = d->responses->exponent[channel] + d->copies[0].exponent[channel];
+    size_t count = (size_t)d->grid.count, terms = (size_t)p->terms;
+    float *to = m->radii > 0 ? m->profiles : m->kernels;
+    for (size_t t = 0; t < terms; t++) {
+        const float *numbers = factors->kernels[channel] + t * count;
+        float *own = to + (t * (size_t)m->channels + (size_t)channel) * count;
+        for (size_t i = 0; i < count; i++) {
+            own[i] = (float)ldexp((double)numbers[i] * scales[t], exponent);
+        }
+        own[m->radii > 0 ? 0 : count / 2] = 0;
+    }
+}
+
+/* The measured centre entries, in the responses' own unit. */
+static int place_centre(const struct problem *p, int channel, const uint8_t *known,
+                        struct nacre_material *m, uint8_t *work, struct nacre_error *error)
+{
+    const struct responses *r = p->data->responses;
+    int half = r->window / 2;
+    float *centre = m->centre + (size_t)channel * points_of(m);
+    bool complete = true;
+    for (int i = 0; i < r->width * r->height; i++) {
+        float value = responses_value(r, channel, i % r->width, i / r->width, half, half);
+        work[i] = !isnan(value);
+        complete = complete && (work[i] || !known[i]);
+        centre[i] = value > 0 ? ldexpf(value, r->exponent[channel]) : 0;
+    }
+    (void)complete;
+    int status = r->mask_needed ? fill_planes(r->width, r->height, work, p->ids, centre, 1,
+                                              points_of(m), error)
+                                : NACRE_OK;
+    quantise_logarithms(centre, points_of(m), m->bits);
+    return status;
+}
+
+/* Half floats do where none of the centre's values is too small for them. */
+static enum nacre_pixel choose_pixel(const struct nacre_material *m)
+{
+    for (size_t i = 0; i < (size_t)m->channels * points_of(m); i++) {
+        bool fits = m->centre[i] == 0 || (m->centre[i] >= HALF_LEAST && m->centre[i] < 60000);
+        if (!fits) {
+            return NACRE_FLOAT;
+        }
+    }
+    return NACRE_HALF;
+}
+
+static int apply_gain(const struct terms_data *d, struct nacre_material *m,
+                      struct nacre_error *error)
+{
+    size_t points = points_of(m);
+    size_t count = points * (size_t)m->terms * (size_t)m->factor_channels;
+    m->gain = malloc(points * sizeof *m->gain);
+    if (!m->gain) {
+        return nacre_fail_memory(error, "the gain");
+    }
+    memcpy(m->gain, d->gain, points * sizeof *m->gain);
+    nacre_material_round(m);
+    for (size_t i = 0; i < count; i++) {
+        m->h[i] = m->f[i] / m->gain[i % points];
+        m->f[i] *= m->gain[i % points];
+    }
+    return NACRE_OK;
+}
+
+static int fill_set(const struct problem *p, const struct factors *factors, int set,
+                    struct nacre_material *m, uint8_t *known, uint8_t *work, double *scales,
+                    struct nacre_error *error)
+{
+    const struct terms_data *d = p->data;
+    int sets = terms_data_sets(d), channels = sets > 1 ? 1 : m->channels;
+    int status = NACRE_OK;
+    for (int t = 0; t < p->terms; t++) {
+        scales[t] = 1;
+    }
+    find_known(d->responses, set, channels, known, work);
+    status = fill_planes_of(p, factors->f[set], set, known, m->f, sets, m->bits, scales, error);
+    if (status == NACRE_OK && d->copy_count == 2) {
+        status = fill_planes_of(p, factors->h[set], set, known, m->h, sets, m->bits, scales, error);
+    } else {
+        for (int t = 0; t < p->terms; t++) {
+            scales[t] *= scales[t];
+        }
+    }
+    for (int c = set; c < set + channels && status == NACRE_OK; c++) {
+        place_kernels(p, factors, c, scales, m);
+        assemble_albedo(d->responses, c, m->albedo + (size_t)c * points_of(m));
+        quantise_logarithms(m->albedo + (size_t)c * points_of(m), points_of(m), m->bits);
+        status = place_centre(p, c, known, m, work, error);
+    }
+    return status;
+}
+
+int terms_material_fill(const struct problem *p, const struct factors *factors,
+                        struct nacre_material *m, struct nacre_error *error)
+{
+    const struct terms_data *d = p->data;
+    uint8_t *known = malloc(points_of(m)), *work = malloc(points_of(m));
+    double *scales = malloc((size_t)p->terms * sizeof *scales);
+    int status = known && work && scales ? NACRE_OK : nacre_fail_memory(error, "the planes");
+    for (int set = 0; set < terms_data_sets(d) && status == NACRE_OK; set++) {
+        status = fill_set(p, factors, set, m, known, work, scales, error);
+    }
+    if (status == NACRE_OK) {
+        m->pixel = choose_pixel(m);
+        if (d->grid.radius) {
+            memcpy(m->radius, d->grid.radius, (size_t)d->grid.count * sizeof *m->radius);
+            nacre_material_spread(m);
+        }
+        if (d->gain) {
+            status = apply_gain(d, m, error);
+        } else {
+            nacre_material_round(m);
+        }
+    }
+    free(known);
+    free(work);
+    free(scales);
+    return status;
+}

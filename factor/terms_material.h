@@ -1,0 +1,17 @@
+/* Making a material of planes with a kernel each: units, quantised planes, the centre, points without measurement. */
+#ifndef FACTOR_TERMS_MATERIAL_H
+#define FACTOR_TERMS_MATERIAL_H
+
+#include "factor/factors.h"
+
+#include "nacre/material.h"
+
+/* Room for the material of a problem with a kernel per term. */
+int terms_material_allocate(int seed, double pitch_mm, const struct problem *problem,
+                            struct nacre_material *material, struct nacre_error *error);
+
+/* Fill it, as the file will have it. */
+int terms_material_fill(const struct problem *problem, const struct factors *factors,
+                        struct nacre_material *material, struct nacre_error *error);
+
+#endif

@@ -1,0 +1,317 @@
+/* Steps of the method terms: what is extrapolated, kept and taken back. The arithmetic is in terms.cl. */
+#include "factor/terms_steps.h"
+
+#include "factor/terms_kernels.h"
+
+#include <math.h>
+#include <string.h>
+
+/* Extrapolation as in hals_steps.c. */
+#define PLAIN        3
+#define FIRST        0.5F
+#define GROWTH       1.05F
+#define LIMIT_GROWTH 1.01F
+#define SHRINK       1.5F
+
+/* Where a point's values change, so do those it meets: both ends' changes together are at most twice what one makes. */
+#define BOTH_WAYS 2.0F
+
+/* A step so much shorter that still raises the objective: the model is as good as float arithmetic makes it. */
+#define MOST_DAMPING 1000.0F
+
+static float least_damping(const struct terms *m)
+{
+    return m->sides == 1 ? BOTH_WAYS : 1;
+}
+
+static int run(struct terms *m, enum terms_kernel name, const void *const *values,
+               const size_t *sizes, int count, size_t across, size_t down, int dimensions,
+               struct nacre_error *error)
+{
+    const struct opencl *opencl = m->layouts[0].opencl;
+    const size_t items[] = {across, down}, one[] = {1, 1};
+    cl_int status = CL_SUCCESS;
+    for (int i = 0; i < count && status == CL_SUCCESS; i++) {
+        status = clSetKernelArg(m->kernels[name], (cl_uint)i, sizes[i], values[i]);
+    }
+    if (status == CL_SUCCESS) {
+        status = clEnqueueNDRangeKernel(opencl->queue, m->kernels[name], (cl_uint)dimensions, NULL,
+                                        items, dimensions == 2 ? one : NULL, 0, NULL, NULL);
+    }
+    return opencl_check(opencl, status, "cannot run a step of the terms", error);
+}
+
+/* One channel's part of a visit. side: 1 for the step of H. */
+static int visit_channel(struct terms *m, int channel, int side, cl_mem own, cl_mem other, int more,
+                         int step, struct nacre_error *error)
+{
+    const struct layout *l = &m->layouts[side];
+    const cl_mem near = side == 1 ? m->nothing : m->weights;
+    const cl_mem far = m->sides == 2 && side == 0 ? m->nothing : m->weights;
+    const void *values[] = {&l->channels[channel].responses,
+                            &l->channels[channel].mask,
+                            &m->channels[channel].kernels[side],
+                            &m->channels[channel].scales[side],
+                            &own,
+                            &other,
+                            &near,
+                            &far,
+                            &m->gradient,
+                            &m->curvature,
+                            &m->channels[channel].sums,
+                            &more,
+                            &step,
+                            &l->sizes};
+    size_t sizes[14];
+    for (int i = 0; i < 11; i++) {
+        sizes[i] = sizeof(cl_mem);
+    }
+    sizes[11] = sizes[12] = sizeof(cl_int);
+    sizes[13] = sizeof l->sizes;
+    return run(m, TERMS_VISIT, values, sizes, 14, (size_t)l->sizes.blocks, (size_t)l->sizes.height,
+               2, error);
+}
+
+static int visit(struct terms *m, const struct terms_set *set, int side, cl_mem own, cl_mem other,
+                 int step, struct nacre_error *error)
+{
+    int status = NACRE_OK;
+    for (int i = 0; i < set->count && status == NACRE_OK; i++) {
+        status = visit_channel(m, set->first + i, side, own, other, i > 0, step, error);
+    }
+    return status;
+}
+
+/* The objective that the last visit of F's side summed: each pair was met twice where it is one number. */
+static int collect(struct terms *m, const struct terms_set *set, double *objective,
+                   struct nacre_error *error)
+{
+    const struct layout *l = &m->layouts[0];
+    size_t count = 2 * (size_t)l->sizes.blocks * (size_t)l->sizes.height;
+    double sum = 0;
+    cl_int status = CL_SUCCESS;
+    for (int c = set->first; c < set->first + set->count && status == CL_SUCCESS; c++) {
+        status = clEnqueueReadBuffer(l->opencl->queue, m->channels[c].sums, CL_TRUE, 0,
+                                     count * sizeof *m->partials, m->partials, 0, NULL, NULL);
+        for (size_t i = 0; i < count && status == CL_SUCCESS; i++) {
+            sum += (double)m->partials[i];
+        }
+    }
+    *objective = sum / (m->sides == 1 ? 4 : 2);
+    return opencl_check(l->opencl, status, "cannot read the objective", error);
+}
+
+static int descend(struct terms *m, struct terms_track *track, float damping,
+                   struct nacre_error *error)
+{
+    const struct layout *l = &m->layouts[0];
+    const cl_int sweeps = TERMS_SWEEPS;
+    const void *values[] = {&track->good, &m->gradient, &m->curvature, &track->fresh,
+                            &damping,     &sweeps,      &l->sizes};
+    const size_t sizes[] = {sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem),
+                            sizeof damping, sizeof sweeps,  sizeof l->sizes};
+    return run(m, TERMS_DESCEND, values, sizes, 7, (size_t)l->sizes.blocks, (size_t)l->sizes.height,
+               2, error);
+}
+
+static int extrapolate(struct terms *m, struct terms_track *track, float share,
+                       struct nacre_error *error)
+{
+    const void *values[] = {&track->fresh, &track->last, &track->next, &share};
+    const size_t sizes[] = {sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem), sizeof share};
+    int status =
+        run(m, TERMS_EXTRAPOLATE, values, sizes, 4, m->layouts[0].factor_floats, 1, 1, error);
+    cl_mem kept = track->last;
+    track->last = track->fresh;
+    track->fresh = kept;
+    return status;
+}
+
+int terms_place_kernels(struct terms *m, int channel, const float *numbers,
+                        struct nacre_error *error)
+{
+    const struct terms_grid *g = &m->data->grid;
+    const struct layout *l = &m->layouts[0];
+    size_t terms = (size_t)l->sizes.terms, area = (size_t)g->window * (size_t)g->window;
+    cl_int status = CL_SUCCESS;
+    for (int side = 0; side < m->sides && status == CL_SUCCESS; side++) {
+        for (size_t t = 0; t < terms; t++) {
+            terms_grid_spread(g, numbers + t * (size_t)g->count, m->window);
+            for (size_t i = 0; i < area; i++) {
+                m->staged[i * terms + t] = m->window[side == 0 ? i : area - 1 - i];
+            }
+        }
+        status =
+            clEnqueueWriteBuffer(l->opencl->queue, m->channels[channel].kernels[side], CL_TRUE, 0,
+                                 area * terms * sizeof *m->staged, m->staged, 0, NULL, NULL);
+    }
+    return opencl_check(l->opencl, status, "cannot write the kernels", error);
+}
+
+/* The best kernels for the planes that wait. */
+static int find_kernels(struct terms *m, struct terms_set *set, struct nacre_error *error)
+{
+    const struct layout *l = &m->layouts[0];
+    const struct terms_grid *g = &m->data->grid;
+    const cl_mem own = set->tracks[0].next, other = set->tracks[m->sides - 1].next;
+    const cl_mem far = m->sides == 2 ? m->nothing : m->weights;
+    const cl_int top = m->sides == 2 ? 0 : g->window / 2;
+    size_t area = (size_t)g->window * (size_t)g->window;
+    size_t across = (size_t)((g->window + TERMS_COLUMNS - 1) / TERMS_COLUMNS);
+    int status = NACRE_OK;
+    for (int c = set->first; c < set->first + set->count && status == NACRE_OK; c++) {
+        const void *values[] = {&l->channels[c].responses,
+                                &l->channels[c].mask,
+                                &m->channels[c].scales[0],
+                                &own,
+                                &other,
+                                &m->weights,
+                                &far,
+                                &m->equations,
+                                &top,
+                                &l->sizes};
+        size_t sizes[10];
+        for (int i = 0; i < 8; i++) {
+            sizes[i] = sizeof(cl_mem);
+        }
+        sizes[8] = sizeof top;
+        sizes[9] = sizeof l->sizes;
+        status =
+            run(m, TERMS_WEIGH, values, sizes, 10, across, (size_t)(g->window - top), 2, error);
+        if (status == NACRE_OK) {
+            status = opencl_check(l->opencl,
+                                  clEnqueueReadBuffer(l->opencl->queue, m->equations, CL_TRUE, 0,
+                                                      area * m->equation_size * sizeof *m->sums,
+                                                      m->sums, 0, NULL, NULL),
+                                  "cannot read the kernels' equations", error);
+        }
+        if (status == NACRE_OK) {
+            status = terms_kernels_solve(g, l->sizes.terms, m->sides == 1, m->sums,
+                                         m->channels[c].next, error);
+        }
+        if (status == NACRE_OK) {
+            status = terms_place_kernels(m, c, m->channels[c].next, error);
+        }
+    }
+    set->placed = status == NACRE_OK;
+    return status;
+}
+
+static size_t number_bytes(const struct terms *m)
+{
+    return (size_t)m->data->grid.count * (size_t)m->layouts[0].sizes.terms * sizeof(float);
+}
+
+/* From the model, whose gradient is known: the best step, carried on, waits in `next`, and its kernels. */
+static int make_step(struct terms *m, struct terms_set *set, float share, struct nacre_error *error)
+{
+    struct terms_track *f = &set->tracks[0], *h = &set->tracks[1];
+    int status = descend(m, f, set->damping, error);
+    if (status == NACRE_OK) {
+        status = extrapolate(m, f, share, error);
+    }
+    if (status == NACRE_OK && m->sides == 2) {
+        status = visit(m, set, 1, h->good, f->next, 1, error);
+    }
+    if (status == NACRE_OK && m->sides == 2) {
+        status = descend(m, h, set->damping, error);
+    }
+    if (status == NACRE_OK && m->sides == 2) {
+        status = extrapolate(m, h, share, error);
+    }
+    for (int c = set->first; c < set->first + set->count; c++) {
+        memcpy(m->channels[c].next, m->channels[c].good, number_bytes(m));
+    }
+    return status == NACRE_OK ? find_kernels(m, set, error) : status;
+}
+
+static void accept(struct terms *m, struct terms_set *set, double objective)
+{
+    for (int side = 0; side < m->sides; side++) {
+        cl_mem kept = set->tracks[side].good;
+        set->tracks[side].good = set->tracks[side].next;
+        set->tracks[side].next = kept;
+    }
+    for (int c = set->first; c < set->first + set->count; c++) {
+        float *kept = m->channels[c].good;
+        m->channels[c].good = m->channels[c].next;
+        m->channels[c].next = kept;
+    }
+    set->objective = objective;
+    if (set->accepted == PLAIN) {
+        set->share = FIRST;
+    } else if (set->refused == 0) {
+        set->share = fminf(set->share_limit, GROWTH * set->share);
+        set->share_limit = fminf(1, LIMIT_GROWTH * set->share_limit);
+    }
+    set->damping = fmaxf(least_damping(m), 0.9F * set->damping);
+    set->accepted++;
+    set->refused = 0;
+}
+
+/* The step that waits raises the objective: make it again from the model without extrapolation, then shorter. */
+static int refuse(struct terms *m, struct terms_set *set, struct nacre_error *error)
+{
+    const cl_mem own = set->tracks[0].good, other = set->tracks[m->sides - 1].good;
+    int status = NACRE_OK;
+    set->refused++;
+    if (set->refused == 1 && set->share > 0) {
+        set->share_limit = set->share;
+        set->share /= SHRINK;
+    } else {
+        set->damping *= 2;
+    }
+    set->settled = set->damping > MOST_DAMPING;
+    for (int c = set->first; c < set->first + set->count && status == NACRE_OK; c++) {
+        status = terms_place_kernels(m, c, m->channels[c].good, error);
+    }
+    if (status == NACRE_OK && !set->settled) {
+        status = visit(m, set, 0, own, other, 1, error);
+    }
+    return status == NACRE_OK && !set->settled ? make_step(m, set, 0, error) : status;
+}
+
+int terms_advance(struct terms *m, struct terms_set *set, struct nacre_error *error)
+{
+    double objective = 0;
+    int status = NACRE_OK;
+    set->viewed = 0;
+    if (!set->placed) {
+        status = find_kernels(m, set, error);
+    }
+    while (status == NACRE_OK && !set->settled) {
+        status = visit(m, set, 0, set->tracks[0].next, set->tracks[m->sides - 1].next, 1, error);
+        if (status == NACRE_OK) {
+            status = collect(m, set, &objective, error);
+        }
+        if (status == NACRE_OK && objective <= set->objective) {
+            accept(m, set, objective);
+            return make_step(m, set, set->share, error);
+        }
+        if (status == NACRE_OK) {
+            status = refuse(m, set, error);
+        }
+    }
+    return status;
+}
+
+int terms_view(struct terms *m, struct terms_set *set, struct nacre_error *error)
+{
+    int status = NACRE_OK;
+    if (!set->placed) {
+        status = find_kernels(m, set, error);
+    }
+    if (status == NACRE_OK && !set->viewed && !set->settled) {
+        status = visit(m, set, 0, set->tracks[0].next, set->tracks[m->sides - 1].next, 0, error);
+        if (status == NACRE_OK) {
+            status = collect(m, set, &set->next_objective, error);
+        }
+        set->viewed = status == NACRE_OK;
+    }
+    return status;
+}
+
+bool terms_is_next_better(const struct terms_set *set)
+{
+    return set->viewed && set->next_objective <= set->objective;
+}
