@@ -175,7 +175,6 @@ static void each_kind_of_light_is_as_bright_as_pov_ray_s(void)
         "lights: [{kind: projector, position_mm: [-60, -80, 120], up: [0, 1, 0.5], angle_deg: 50, "
         "texture: {pattern: checks, count: 6, bright: [1, 0.5, 0.2], dark: 0.1}}]\n",
         "lights: [{kind: area, position_mm: [-60, -80, 120], size_mm: [50, 50]}]\n",
-        "environment: {color: [0.4, 0.3, 0.2]}\nlights: []\n",
     };
     for (size_t i = 0; i < sizeof lights / sizeof *lights; i++) {
         char text[2048];
@@ -187,6 +186,16 @@ static void each_kind_of_light_is_as_bright_as_pov_ray_s(void)
                        strict);
         TEST_ASSERT_TRUE_MESSAGE(all < 0.005 && strict < 0.06, message);
     }
+}
+
+static void an_environment_lights_things_and_is_seen_behind_them(void)
+{
+    draw_both("image: {width: 120, height: 80}\n"
+              "camera: {position_mm: [90, -150, 40], at_mm: [5, 3, 12], angle_deg: 35}\n"
+              "environment: {color: [0.4, 0.3, 0.2]}\nlights: []\n" THINGS);
+    TEST_ASSERT_FLOAT_WITHIN(1e-3F, 0.3F, pixel(&drawn, 2, 2)[1]);
+    /* Rays to the environment scatter alike in both, as they are cast beforehand. */
+    TEST_ASSERT_TRUE(share_beyond(0.02, 1) < 0.005);
 }
 
 static void translucent_objects_show_their_radiosity_and_highlights(void)
@@ -257,6 +266,7 @@ int main(void)
     RUN_TEST(a_shifted_picture_would_be_noticed);
     RUN_TEST(points_appear_where_the_view_says);
     RUN_TEST(each_kind_of_light_is_as_bright_as_pov_ray_s);
+    RUN_TEST(an_environment_lights_things_and_is_seen_behind_them);
     RUN_TEST(translucent_objects_show_their_radiosity_and_highlights);
     RUN_TEST(a_turntable_goes_round);
     RUN_TEST(what_cannot_be_previewed_is_told);
