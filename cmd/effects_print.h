@@ -2,7 +2,10 @@
 #ifndef CMD_EFFECTS_PRINT_H
 #define CMD_EFFECTS_PRINT_H
 
-#include "rig/virtual/explain.h"
+#include "base/effect.h"
+#include "nacre/error.h"
+
+#include <stddef.h>
 
 /* What the list is about. */
 struct effects_subject {

@@ -3,6 +3,7 @@
 #include "base/opencl.h"
 #include "base/progress.h"
 #include "cmd/json_print.h"
+#include "cmd/render_explain.h"
 #include "cmd/verbs.h"
 #include "nacre/whole_file.h"
 
@@ -18,7 +19,7 @@ struct render_options {
     const char *output, *pov, *material;
     double samples;
     int rays, photons, seed, triangles, turntable;
-    bool albedo, povray_shadows, preview;
+    bool albedo, povray_shadows, preview, explain;
 };
 
 static const struct option_spec options[] = {
@@ -26,7 +27,6 @@ static const struct option_spec options[] = {
      .letter = 'o',
      .kind = OPTION_STRING,
      .argument = "FILE",
-     .required = true,
      .offset = offsetof(struct render_options, output),
      .sentence = "the picture to write: .exr is linear, .png is for looking at"},
     {.name = "material",
@@ -76,6 +76,10 @@ static const struct option_spec options[] = {
      .kind = OPTION_FLAG,
      .offset = offsetof(struct render_options, povray_shadows),
      .sentence = "leave area lights on plain objects to POV-Ray: slower, and in coarser steps"},
+    {.name = "explain",
+     .kind = OPTION_FLAG,
+     .offset = offsetof(struct render_options, explain),
+     .sentence = "only list which effects the scene calls for, by which line, at what cost"},
     {.name = "seed",
      .kind = OPTION_INT,
      .argument = "N",
@@ -194,13 +198,28 @@ static int check_output(const char *path, struct nacre_error *error)
     return status;
 }
 
-static int write_picture(const struct render_options *settings, const char *scene_path,
-                         const char *path, const struct picture *picture, struct nacre_error *error)
+/* "without=highlights, shadows": what the scene forbids, on the heap. */
+static char *name_without(const struct scene *scene)
 {
-    char *scene = NULL, *how = NULL;
+    size_t size = sizeof "without=";
+    for (size_t i = 0; i < scene->without_count; i++) {
+        size += strlen(scene->without[i]) + 2;
+    }
+    char *text = calloc(size, 1), *end = text ? stpcpy(text, "without=") : NULL;
+    for (size_t i = 0; text && i < scene->without_count; i++) {
+        end = stpcpy(stpcpy(end, i ? ", " : ""), scene->without[i]);
+    }
+    return text;
+}
+
+static int write_picture(const struct render_options *settings, const char *scene_path,
+                         const struct scene *scene, const char *path, const struct picture *picture,
+                         struct nacre_error *error)
+{
+    char *from = NULL, *how = NULL, *without = name_without(scene);
     int status = NACRE_FAILED;
-    if (asprintf(&scene, "scene=%s", scene_path) < 0) {
-        scene = NULL;
+    if (asprintf(&from, "scene=%s", scene_path) < 0) {
+        from = NULL;
     }
     if (asprintf(&how, "render=samples %g, rays %d, photons %d, seed %d%s%s", settings->samples,
                  settings->rays, settings->photons, settings->seed,
@@ -208,21 +227,23 @@ static int write_picture(const struct render_options *settings, const char *scen
                  settings->preview || settings->turntable ? ", preview" : "") < 0) {
         how = NULL;
     }
-    if (scene && how) {
-        const char *const attributes[] = {scene, how, NULL};
+    if (from && how && without) {
+        const char *const attributes[] = {from, how, scene->without_count ? without : NULL, NULL};
         status = picture_write(path, picture, attributes, error);
     } else {
         (void)nacre_fail_memory(error, "the picture's attributes");
     }
-    free(scene);
+    free(from);
     free(how);
+    free(without);
     return status;
 }
 
 /* Where frames go. */
 struct frames {
     const struct render_options *settings;
-    const char *scene;
+    const char *path; /* of the scene */
+    const struct scene *scene;
 };
 
 static int take_frame(void *context, int number, const struct picture *picture,
@@ -232,13 +253,13 @@ static int take_frame(void *context, int number, const struct picture *picture,
     const char *output = frames->settings->output, *ending = strrchr(output, '.');
     char *path = NULL;
     if (!frames->settings->turntable) {
-        return write_picture(frames->settings, frames->scene, output, picture, error);
+        return write_picture(frames->settings, frames->path, frames->scene, output, picture, error);
     }
     if (!ending ||
         asprintf(&path, "%.*s-%03d%s", (int)(ending - output), output, number, ending) < 0) {
         return nacre_fail_memory(error, "the name of a frame");
     }
-    int status = write_picture(frames->settings, frames->scene, path, picture, error);
+    int status = write_picture(frames->settings, frames->path, frames->scene, path, picture, error);
     free(path);
     return status;
 }
@@ -249,7 +270,7 @@ static int render_and_write(const struct render_options *settings, const char *p
                             const struct opencl *opencl, struct render_report *report,
                             struct nacre_error *error)
 {
-    struct frames frames = {settings, path};
+    struct frames frames = {settings, path, scene};
     struct picture picture = {0};
     int status;
     if (settings->preview || settings->turntable) {
@@ -262,7 +283,7 @@ static int render_and_write(const struct render_options *settings, const char *p
         (void)nacre_fail_within(error, "%s", path);
     }
     if (status == NACRE_OK && picture.rgb) {
-        status = write_picture(settings, path, settings->output, &picture, error);
+        status = write_picture(settings, path, scene, settings->output, &picture, error);
     }
     picture_finish(&picture);
     return status;
@@ -289,12 +310,17 @@ static int run(const void *data, const struct invocation *invocation, struct nac
         .turns = settings->turntable > 1,
     };
     progress_catch_signals();
-    int status = check_output(settings->output, error);
-    if (status != NACRE_OK) {
-        return status;
+    if (!settings->output && !settings->explain) {
+        (void)nacre_fail(error, "nothing to make; give --output PICTURE or --explain");
+        return OPTIONS_WRONG_USAGE;
     }
-    status = scene_read(path, &scene, error);
-    if (status != NACRE_OK) {
+    int status = settings->explain ? NACRE_OK : check_output(settings->output, error);
+    if (status == NACRE_OK) {
+        status = scene_read(path, &scene, error);
+    }
+    if (status != NACRE_OK || settings->explain) {
+        status = status ? status : render_explain(path, &scene, &render, invocation->json, error);
+        scene_finish(&scene);
         return status;
     }
     status = opencl_open(invocation->device, &opencl, error);
@@ -320,7 +346,11 @@ const struct verb verb_render = {
         "Reads a scene (YAML), calculates the light that leaves every vertex of the translucent "
         "objects from their factored materials, and has POV-Ray draw the picture with camera, "
         "plain objects, shadows and highlights.\n\nMeshes are split until no edge is longer than a "
-        "surface point of the material.",
+        "surface point of the material.\n\nOnly effects that the scene calls for are rendered. "
+        "With "
+        "--explain nothing is, and they are listed: which are called for, by which line, at what "
+        "cost, and why the others are not. `without: [...]` in the scene forbids some, which the "
+        "picture's metadata then tell.",
     .operand_minimum = 1,
     .operand_maximum = 1,
     .options = options,

@@ -7,7 +7,8 @@
 
 struct tally {
     double irradiance[3];
-    int facing; /* samples of a light that the surface faces */
+    int drawn;  /* samples of the light */
+    int facing; /* those that bring light */
     int cast, blocked;
 };
 
@@ -38,6 +39,7 @@ __attribute__((always_inline)) static inline void
 add_samples(const struct world *world, const struct light *light, const struct lit_point *point,
             const struct run *run, const bool shadows, const bool enters, struct tally *tally)
 {
+    tally->drawn += run->count;
     for (int k = 0; k < run->count; k++) {
         double u[2];
         square_point(run->shift, run->first + (uint64_t)k, u);
@@ -84,10 +86,10 @@ static void add_light(const struct world *world, const struct light *light,
 static void count_work(const struct light *light, const struct lit_point *point,
                        const struct tally *tally, struct light_work *work)
 {
-    uint64_t facing = (uint64_t)tally->facing;
+    uint64_t drawn = (uint64_t)tally->drawn;
     work->shadow_rays += (uint64_t)tally->cast;
-    work->slide_lookups += light->kind == LIGHT_PROJECTOR && light->slide.rgb ? facing : 0;
-    work->sky_lookups += light->kind == LIGHT_ENVIRONMENT ? facing : 0;
+    work->slide_lookups += light->kind == LIGHT_PROJECTOR && light->slide.rgb ? drawn : 0;
+    work->sky_lookups += light->kind == LIGHT_ENVIRONMENT ? drawn : 0;
     work->transmittances += point->index != 1 ? (uint64_t)(tally->facing - tally->blocked) : 0;
 }
 

@@ -13,7 +13,7 @@
 /* What was done, to be added up. */
 struct light_work {
     uint64_t shadow_rays;    /* between surfaces and lights */
-    uint64_t slide_lookups;  /* of a projected picture */
+    uint64_t slide_lookups;  /* samples of light with a projected picture */
     uint64_t sky_lookups;    /* of the environment */
     uint64_t bounce_rays;    /* from surfaces to others, and of photons that go on */
     uint64_t photons;        /* sent out */

@@ -4,8 +4,6 @@
 #include "render/effects.h"
 
 enum {
-    RAYS = 144,         /* to a soft light: the steps of a penumbra vanish between them */
-    SURFACE_RAYS = 256, /* to other surfaces: of which any may be small */
     FIRST_SPLITS =
         48, /* over the largest extent, so that no visible middle hides between unseen edges */
     VERTICES_A_STEP = 4096,
@@ -76,14 +74,14 @@ static void light_vertex(const struct lighting *lighting, enum plain_light which
     struct lighting single = *lighting;
     sum[0] = sum[1] = sum[2] = 0;
     if (which == PLAIN_SURFACES) {
-        single.rays = SURFACE_RAYS;
+        single.rays = PLAIN_SURFACE_RAYS;
         irradiance_from_surfaces(&single, point, sum, work);
         return;
     }
     for (size_t l = 0; l < lighting->light_count; l++) {
         const struct light *light = &lighting->lights[l];
         double one[3] = {0};
-        single.rays = RAYS;
+        single.rays = PLAIN_RAYS;
         single.seed = lighting->seed + l;
         if (light->soft && which == PLAIN_SOFT) {
             irradiance_penumbra(&single, light, point, one, work);

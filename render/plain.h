@@ -12,6 +12,11 @@
 int plain_refine(struct mesh *mesh, const struct scene *scene, bool around, size_t limit,
                  struct nacre_error *error);
 
+enum {
+    PLAIN_RAYS = 144,         /* to a soft light: the steps of a penumbra vanish between them */
+    PLAIN_SURFACE_RAYS = 256, /* to other surfaces, of which any may be small */
+};
+
 /* Which light. */
 enum plain_light {
     PLAIN_SOFT, /* of soft lights */

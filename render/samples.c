@@ -198,6 +198,8 @@ static int shoot(const struct shot *shot, const struct light *light, uint64_t nu
     }
     struct photon photon = light_emit(light, shot->centre, shot->radius_mm, u);
     work->photons++;
+    work->slide_lookups += light->slide.rgb != NULL;
+    work->sky_lookups += light->kind == LIGHT_ENVIRONMENT;
     if (photon.flux[0] + photon.flux[1] + photon.flux[2] <= 0 ||
         !world_trace(lighting->world, photon.origin, photon.direction, &hit)) {
         return 0;

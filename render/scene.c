@@ -471,9 +471,17 @@ static int check_light(const char *name, const struct scene_light *light, struct
 static int check_without(const char *name, const struct scene *scene, struct nacre_error *error)
 {
     for (size_t i = 0; i < scene->without_count; i++) {
-        bool known = false;
+        bool known = false, data = false;
         for (int k = 0; k < RENDER_EFFECTS; k++) {
-            known = known || strcmp(scene->without[i], render_effect_names[k]) == 0;
+            bool same = strcmp(scene->without[i], render_effect_names[k]) == 0;
+            known = known || same;
+            data = data || (same && render_effect_is_data((enum render_effect)k));
+        }
+        if (data) {
+            return nacre_fail(error,
+                              "%s:%d: without: %s is what the material is made of; another "
+                              "material may have none",
+                              name, scene->without_line, scene->without[i]);
         }
         if (!known) {
             return nacre_fail(error,

@@ -74,9 +74,10 @@ static int bake_plain(struct stage *stage, size_t index, const struct lighting *
     return status;
 }
 
+/* Where there is both. */
 static void add_to(float (*sum)[3], float (*more)[3], size_t count)
 {
-    for (size_t i = 0; i < count; i++) {
+    for (size_t i = 0; sum && more && i < count; i++) {
         for (int c = 0; c < 3; c++) {
             sum[i][c] += more[i][c];
         }
@@ -149,7 +150,7 @@ static int begin_exchange(struct exchange *exchange, struct nacre_error *error)
         const struct stage_object *object = &stage->objects[i];
         size_t count = object->mesh.vertex_count;
         if (object->translucent) {
-            memcpy(exchange->left[i], object->light, count * sizeof *object->light);
+            add_to(exchange->left[i], object->light, count);
             continue;
         }
         status =

@@ -169,11 +169,12 @@ static int write_exr(const char *path, const struct picture *picture, const char
     return result;
 }
 
-static int write_png(const char *path, const struct picture *picture, struct nacre_error *error)
+static int write_png(const char *path, const struct picture *picture, const char *const *attributes,
+                     struct nacre_error *error)
 {
     unsigned char *bytes = NULL;
     size_t size = 0;
-    if (picture_encode_png(picture, &bytes, &size, error) != NACRE_OK) {
+    if (picture_encode_png_text(picture, attributes, &bytes, &size, error) != NACRE_OK) {
         return nacre_fail_within(error, "%s", path);
     }
     int result = whole_file_write(path, bytes, size, error);
@@ -188,7 +189,7 @@ int picture_write(const char *path, const struct picture *picture, const char *c
     case FORMAT_EXR:
         return write_exr(path, picture, attributes, error);
     case FORMAT_PNG:
-        return write_png(path, picture, error);
+        return write_png(path, picture, attributes, error);
     case FORMAT_NONE:
         break;
     }

@@ -20,7 +20,8 @@ void picture_finish(struct picture *picture);
 int picture_read(const char *path, struct picture *picture, struct nacre_error *error);
 
 /* Write by the ending of the name: .exr (HALF, ZIP, with `key=value` string attributes "nacre.KEY" from the
- * NULL-terminated list, which may be NULL) or .png (sRGB, values clipped to 0..1, NaN as magenta). */
+ * NULL-terminated list, which may be NULL) or .png (sRGB, values clipped to 0..1, NaN as magenta, the attributes as
+ * text). */
 int picture_write(const char *path, const struct picture *picture, const char *const *attributes,
                   struct nacre_error *error);
 

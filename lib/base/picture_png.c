@@ -193,7 +193,31 @@ static void encode_row(const struct picture *picture, size_t y, unsigned char *r
     }
 }
 
-static int write_image(struct png_task *task, const struct picture *picture)
+/* tEXt, or where there is more than ASCII iTXt, which is UTF-8. */
+static void write_text(struct png_task *task, const char *attribute)
+{
+    char key[80];
+    const char *equals = strchr(attribute, '=');
+    const char *value = equals ? equals + 1 : "";
+    (void)snprintf(key, sizeof key, "nacre.%.*s", equals ? (int)(equals - attribute) : 0,
+                   attribute);
+    char *text = strdup(value);
+    if (!text) {
+        png_error(task->png, "out of memory");
+    }
+    bool ascii = true;
+    for (const char *c = text; *c; c++) {
+        ascii = ascii && (unsigned char)*c < 0x80;
+    }
+    png_text chunk = {.compression = ascii ? PNG_TEXT_COMPRESSION_NONE : PNG_ITXT_COMPRESSION_NONE,
+                      .key = key,
+                      .text = text};
+    png_set_text(task->png, task->info, &chunk, 1); /* keeps a copy */
+    free(text);
+}
+
+static int write_image(struct png_task *task, const struct picture *picture,
+                       const char *const *attributes)
 {
     if (setjmp(task->failed)) { /* NOLINT(cert-err52-cpp) */
         return NACRE_FAILED;
@@ -203,6 +227,9 @@ static int write_image(struct png_task *task, const struct picture *picture)
                  8, PNG_COLOR_TYPE_RGB, PNG_INTERLACE_NONE, PNG_COMPRESSION_TYPE_DEFAULT,
                  PNG_FILTER_TYPE_DEFAULT);
     png_set_sRGB(task->png, task->info, PNG_sRGB_INTENT_PERCEPTUAL);
+    for (size_t i = 0; attributes && attributes[i]; i++) {
+        write_text(task, attributes[i]);
+    }
     png_write_info(task->png, task->info);
     for (size_t y = 0; y < (size_t)picture->height; y++) {
         encode_row(picture, y, task->bytes);
@@ -212,8 +239,8 @@ static int write_image(struct png_task *task, const struct picture *picture)
     return NACRE_OK;
 }
 
-int picture_encode_png(const struct picture *picture, unsigned char **bytes, size_t *size,
-                       struct nacre_error *error)
+int picture_encode_png_text(const struct picture *picture, const char *const *attributes,
+                            unsigned char **bytes, size_t *size, struct nacre_error *error)
 {
     struct png_task task = {.name = "a picture", .error = error};
     char *stream = NULL;
@@ -225,7 +252,7 @@ int picture_encode_png(const struct picture *picture, unsigned char **bytes, siz
     task.png = png_create_write_struct(PNG_LIBPNG_VER_STRING, &task, note_failure, ignore_warning);
     task.info = task.png ? png_create_info_struct(task.png) : NULL;
     if (task.file && task.bytes && task.info) {
-        result = write_image(&task, picture);
+        result = write_image(&task, picture, attributes);
     } else {
         (void)nacre_fail_memory(error, task.name);
     }
@@ -241,4 +268,10 @@ int picture_encode_png(const struct picture *picture, unsigned char **bytes, siz
         *size = 0;
     }
     return result;
+}
+
+int picture_encode_png(const struct picture *picture, unsigned char **bytes, size_t *size,
+                       struct nacre_error *error)
+{
+    return picture_encode_png_text(picture, NULL, bytes, size, error);
 }

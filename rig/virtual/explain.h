@@ -2,6 +2,7 @@
 #ifndef RIG_VIRTUAL_EXPLAIN_H
 #define RIG_VIRTUAL_EXPLAIN_H
 
+#include "base/effect.h"
 #include "nacre/error.h"
 #include "rig/virtual/sample.h"
 #include "rig/virtual/solver.h"
@@ -9,15 +10,6 @@
 
 #include <stdbool.h>
 #include <stddef.h>
-
-struct effect {
-    char name[48];
-    bool simulated;
-    int line;       /* of the file that calls for it or forbids it; 0: none does */
-    bool in_sample; /* effects_list: the file is the sample's, not the station's */
-    double seconds; /* estimated cost on one core; 0: nothing beyond the other effects' */
-    char reason[160];
-};
 
 /* What diffusion on the transport's voxels takes for responses of K x K, on one core. */
 double explain_diffusion_seconds(const struct transport *transport, int window);

@@ -273,6 +273,113 @@ static void pov_files_stay_where_they_are_asked_for(void)
     free(folder);
 }
 
+/* A smooth sky, different all around and up and down, in each colour. */
+static void write_sky(void)
+{
+    struct picture sky;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, picture_allocate(&sky, 128, 64, &error));
+    for (int i = 0; i < 128 * 64; i++) {
+        int column = i % 128, row = i / 128;
+        double azimuth = 2 * acos(-1.0) * (column + 0.5) / 128;
+        sky.rgb[3 * i] = (float)(1 + 0.5 * sin(azimuth));
+        sky.rgb[3 * i + 1] = (float)(1 + 0.5 * cos(azimuth));
+        sky.rgb[3 * i + 2] = 0.2F + (float)row / 64;
+    }
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, picture_write(scratch_path("sky.exr"), &sky, NULL, &error));
+    picture_finish(&sky);
+}
+
+static void a_sky_is_seen_where_its_light_comes_from(void)
+{
+    const double looks[][3] = {{1, 0, 0}, {-1, 0.1, 0.2}, {0, 1, 0.5}, {0.3, -1, -0.7}, {1, 1, 2}};
+    write_sky();
+    for (size_t i = 0; i < sizeof looks / sizeof *looks; i++) {
+        char text[1024];
+        struct light light;
+        double value[3];
+        (void)snprintf(text, sizeof text,
+                       "image: {width: 21, height: 21, exposure: 0.5}\n"
+                       "camera: {position_mm: [0, 0, 0], at_mm: [%g, %g, %g], angle_deg: 20}\n"
+                       "environment: {image: sky.exr, color: [1, 0.5, 2], rotation_deg: 25}\n"
+                       "lights: []\n"
+                       "objects: [{shape: quad, size_mm: 1, position_mm: [900, 900, -900]}]\n",
+                       looks[i][0], looks[i][1], looks[i][2]);
+        must_render(text);
+        TEST_ASSERT_EQUAL_INT(NACRE_OK, light_make_environment(&light, &scene.environment, &error));
+        environment_value(&light.environment, vec3_unit(vec3_from_doubles(looks[i])), value);
+        for (int c = 0; c < 3; c++) {
+            /* Half floats, and half a pixel of the sky by which POV-Ray's middle of a pixel may differ: 1.4 degrees at
+             * a slope of 1 per radian. */
+            TEST_ASSERT_DOUBLE_WITHIN(0.013 * (c + 1), 0.5 * value[c], pixel(10, 10)[c]);
+        }
+        light_finish(&light);
+    }
+}
+
+static void a_plain_ground_is_lit_by_the_sky(void)
+{
+    must_render(SMALL FROM_ABOVE WHITE_GROUND "environment: {color: [1, 0.5, 2]}\nlights: []\n");
+    for (int c = 0; c < 3; c++) {
+        TEST_ASSERT_DOUBLE_WITHIN(0.001, 0.5 * 0.8 * scene.environment.color[c], pixel(20, 20)[c]);
+    }
+    settings.povray_shadows = true; /* which POV-Ray could not do */
+    must_render(SMALL FROM_ABOVE WHITE_GROUND "environment: {color: [1, 0.5, 2]}\nlights: []\n");
+    TEST_ASSERT_DOUBLE_WITHIN(0.001, 0.5 * 0.8, pixel(20, 20)[0]);
+}
+
+/* Seen at 60 degrees to the normal. */
+#define SLANTED                                                                                    \
+    "image: {width: 40, height: 40, exposure: 0.5}\n"                                              \
+    "camera: {position_mm: [0.01, -346.41, 200], at_mm: [0.01, 0.02, 0], angle_deg: 3}\n"
+
+static void light_leaves_a_surface_with_an_index_by_its_angle(void)
+{
+    write_material();
+    must_render(SLANTED
+                "lights: [{kind: point, position_mm: [0, 0, 20000]}]\n"
+                "objects: [{shape: quad, size_mm: [60, 60, 1], index: 1.5, material: {file: "
+                "material.exr, mapping: planar, point_mm: 1.5}}]\n");
+    /* Of 60 degrees 0.0892 is mirrored (Fresnel), of 0 degrees 0.04; samples scatter by 1 %. */
+    TEST_ASSERT_DOUBLE_WITHIN(0.03 * 0.3, 0.5 * 0.6 * (1 - 0.0892) / 0.96, pixel(20, 20)[0]);
+    must_render(SLANTED
+                "without: [Fresnel transmission]\n"
+                "lights: [{kind: point, position_mm: [0, 0, 20000]}]\n"
+                "objects: [{shape: quad, size_mm: [60, 60, 1], index: 1.5, material: {file: "
+                "material.exr, mapping: planar, point_mm: 1.5}}]\n");
+    TEST_ASSERT_DOUBLE_WITHIN(0.03 * 0.3, 0.5 * 0.6, pixel(20, 20)[0]);
+}
+
+static void a_polished_surface_mirrors_the_sky(void)
+{
+    must_render(SLANTED "environment: {color: [1, 0.5, 2]}\nlights: []\n"
+                        "objects: [{shape: quad, size_mm: [60, 60, 1], index: 1.5, color: 0, "
+                        "gloss: {reflection: 1}}]\n");
+    /* Fresnel at 60 degrees; half floats. */
+    TEST_ASSERT_DOUBLE_WITHIN(5e-4, 0.5 * 0.0892, pixel(20, 20)[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0.5 * 2 * 0.0892, pixel(20, 20)[2]);
+    must_render(SLANTED "environment: {}\nlights: []\n"
+                        "objects: [{shape: quad, size_mm: [60, 60, 1], color: 0, gloss: "
+                        "{reflection: 0.25}}]\n");
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0.5 * 0.25, pixel(20, 20)[1]);
+}
+
+/* A wall on a ground, both of which a point light shines on: what the plain light of POV-Ray lacks comes on top. */
+static void light_passes_from_plain_to_plain(void)
+{
+    static const char room[] = SMALL FROM_ABOVE
+        "lights: [{kind: point, position_mm: [-15, 0, 25]}]\n"
+        "objects:\n  - {shape: quad, size_mm: [90, 90, 1], color: 0.8}\n"
+        "  - {shape: box, size_mm: [2, 90, 30], position_mm: [12, 0, 0], color: [0.9, 0, 0]}\n";
+    char text[1024];
+    must_render(room);
+    float before = pixel(29, 20)[0], blue = pixel(29, 20)[2];
+    (void)snprintf(text, sizeof text, "bounces: 1\n%s", room);
+    must_render(text);
+    /* Beside a wall of 0.9 under about half of the light, which fills a third of the view. */
+    TEST_ASSERT_TRUE(pixel(29, 20)[0] > 1.1F * before);
+    TEST_ASSERT_FLOAT_WITHIN(0.001F, blue, pixel(29, 20)[2]);
+}
+
 static void fails_with(const char *text, const char *why)
 {
     int before = scratch_count();
@@ -339,6 +446,11 @@ int main(void)
     RUN_TEST(a_translucent_ground_under_even_light_shows_its_albedo);
     RUN_TEST(highlights_come_on_top);
     RUN_TEST(the_same_seed_gives_the_same_picture);
+    RUN_TEST(a_sky_is_seen_where_its_light_comes_from);
+    RUN_TEST(a_plain_ground_is_lit_by_the_sky);
+    RUN_TEST(light_leaves_a_surface_with_an_index_by_its_angle);
+    RUN_TEST(a_polished_surface_mirrors_the_sky);
+    RUN_TEST(light_passes_from_plain_to_plain);
     RUN_TEST(pov_files_stay_where_they_are_asked_for);
     RUN_TEST(a_missing_povray_is_told);
     RUN_TEST(a_failing_povray_speaks_for_itself);

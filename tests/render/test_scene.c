@@ -107,6 +107,11 @@ static void wrong_values_are_refused_with_their_place(void)
 
 static void scenes_that_make_no_sense_are_refused(void)
 {
+    refuses("image: {background: 0.1}\n" CAMERA LIGHT OBJECT "environment: {color: 1}\n",
+            "scene.yaml:5", "background");
+    refuses(CAMERA LIGHT OBJECT "without: [moonshine]\n", "scene.yaml:4", "moonshine");
+    refuses(CAMERA LIGHT "objects: [{shape: quad, index: 0.5}]\n", "scene.yaml:3:", "0.5");
+    refuses(CAMERA LIGHT OBJECT "bounces: 17\n", "scene.yaml:4:", "17");
     refuses("camera: {position_mm: [1, 2, 3], at_mm: [1, 2, 3]}\n" LIGHT OBJECT, "scene.yaml",
             "same point");
     refuses("camera: {position_mm: [0, 0, 9], at_mm: [0, 0, 0]}\n" LIGHT OBJECT, "scene.yaml",

@@ -1,0 +1,294 @@
+/* The plan of effects: what scenes call for, what that changes, and that what is not called for does no work. */
+#include "render/effects_list.h"
+#include "render/stage.h"
+#include "stand.h"
+#include "tests/nacre/scratch.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unity.h>
+
+static struct scene scene;
+static struct stage stage;
+static struct render_report report;
+static struct nacre_error error;
+static const struct render_settings settings = {
+    .bake = {.density = 3, .rays = 4, .seed = 1, .quiet = true}, .triangle_limit = 20000};
+
+void setUp(void)
+{
+    struct nacre_material even = stand_even_material(12, 5, 1.2, 0.6);
+    struct nacre_material narrow = stand_even_material(12, 5, 0.05, 0.6);
+    scratch_make();
+    error.text[0] = '\0';
+    TEST_ASSERT_EQUAL_INT(NACRE_OK,
+                          nacre_material_write(scratch_path("material.exr"), &even, &error));
+    TEST_ASSERT_EQUAL_INT(NACRE_OK,
+                          nacre_material_write(scratch_path("narrow.exr"), &narrow, &error));
+    nacre_material_finish(&even);
+    nacre_material_finish(&narrow);
+}
+
+static void finish(void)
+{
+    stage_finish(&stage);
+    scene_finish(&scene);
+    render_report_finish(&report);
+}
+
+void tearDown(void)
+{
+    finish();
+    scratch_remove();
+}
+
+static void prepare(const char *text)
+{
+    finish();
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, scene_parse("scene.yaml", scratch_path(""), text, strlen(text), &scene, &error),
+        error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, stage_prepare(&stage, &scene, &settings, &report, &error), error.text);
+}
+
+static void bake(const char *text)
+{
+    prepare(text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, stage_bake(&stage, stand_opencl(), &report, &error),
+                                  error.text);
+}
+
+#define VIEW                                                                                       \
+    "image: {width: 64, height: 48}\n"                                                             \
+    "camera: {position_mm: [0, -60, 40], at_mm: [0, 0, 5], angle_deg: 30}\n"
+#define POINT_LIGHT "  - {kind: point, position_mm: [10, -20, 60]}\n"
+#define AREA_LIGHT  "  - {kind: area, position_mm: [10, -20, 60], size_mm: [20, 20]}\n"
+#define BALL                                                                                       \
+    "  - shape: sphere\n"                                                                          \
+    "    size_mm: 20\n"                                                                            \
+    "    material: {file: material.exr, mapping: sphere, point_mm: 1.5}\n"
+#define GROUND "  - {shape: quad, size_mm: [80, 80, 1]}\n"
+
+/* What is called for, by one letter an effect in the order of the enum. */
+static const char *called(void)
+{
+    static char text[RENDER_EFFECTS + 1];
+    static const char letters[] = "SAPEIFLGTKCHM";
+    for (int i = 0; i < RENDER_EFFECTS; i++) {
+        text[i] = stage.effects.called[i] ? letters[i] : '-';
+    }
+    return text;
+}
+
+static void scenes_call_for_what_they_name(void)
+{
+    prepare(VIEW "lights:\n" POINT_LIGHT "objects:\n" BALL);
+    TEST_ASSERT_EQUAL_STRING("------LGT----", called());
+    prepare(VIEW "lights:\n" POINT_LIGHT "objects:\n" BALL GROUND);
+    TEST_ASSERT_EQUAL_STRING("S-----LGT----", called());
+    prepare(VIEW "lights:\n" AREA_LIGHT "objects:\n" BALL GROUND);
+    TEST_ASSERT_EQUAL_STRING("SA----LGT----", called());
+    prepare(VIEW "lights:\n" AREA_LIGHT "objects:\n" BALL); /* near for its size */
+    TEST_ASSERT_EQUAL_STRING("-A----LGT----", called());
+    prepare(VIEW "lights: [{kind: area, position_mm: [0, 0, 9000], size_mm: [9, 9]}]\n"
+                 "objects:\n" BALL);
+    TEST_ASSERT_EQUAL_STRING("------LGT----", called());
+    prepare(VIEW "lights: [{kind: projector, position_mm: [0, 0, 90], texture: {pattern: grid}, "
+                 "irradiance: [1, 0.5, 0.2]}]\nobjects:\n" BALL);
+    TEST_ASSERT_EQUAL_STRING("--P---LGT-C--", called());
+    prepare(VIEW "environment: {color: [1, 0.9, 0.8]}\nbounces: 1\nlights: []\nobjects:\n" BALL
+                 "    index: 1.4\n    gloss: {specular: 0.3, reflection: 1}\n" GROUND);
+    TEST_ASSERT_EQUAL_STRING("S--EIFLGT-C-M", called());
+}
+
+static void forbidden_effects_are_left_out(void)
+{
+    prepare(VIEW "without: [subsurface scattering, interreflection, mirror reflection]\n"
+                 "environment: {}\nbounces: 1\nlights: []\nobjects:\n" BALL
+                 "    gloss: {reflection: 1}\n" GROUND);
+    TEST_ASSERT_EQUAL_STRING("S--E--L------", called());
+    TEST_ASSERT_TRUE(stage.effects.objects[0].albedo);
+    prepare(VIEW "without: [thin parts]\nlights:\n" POINT_LIGHT "objects:\n" BALL);
+    TEST_ASSERT_TRUE(stage.effects.objects[0].same_side);
+}
+
+static void refuses(const char *text, const char *why)
+{
+    finish();
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, scene_parse("scene.yaml", scratch_path(""), text,
+                                                    strlen(text), &scene, &error));
+    TEST_ASSERT_EQUAL_STRING_LEN("scene.yaml:3: ", error.text, 14);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, why), error.text);
+}
+
+static void what_cannot_be_forbidden_is_refused(void)
+{
+    refuses(VIEW "without: [moonshine]\nlights: []\nobjects:\n" BALL, "moonshine");
+    refuses(VIEW "without: [colour]\nlights: []\nobjects:\n" BALL, "colour");
+}
+
+/* Narrower than half a surface point, or than half a pixel: the albedo, and no gather. */
+static void narrow_kernels_fall_to_the_albedo(void)
+{
+    prepare(VIEW "lights:\n" POINT_LIGHT
+                 "objects:\n  - {shape: sphere, size_mm: 20, material: {file: narrow.exr, "
+                 "mapping: sphere, point_mm: 1.5}}\n");
+    TEST_ASSERT_TRUE(stage.effects.objects[0].albedo && !stage.effects.objects[0].subsurface);
+    prepare("image: {width: 64, height: 48}\n"
+            "camera: {position_mm: [0, -2000, 0], at_mm: [0, 0, 0], angle_deg: 30}\n"
+            "lights:\n" POINT_LIGHT "objects:\n" BALL);
+    TEST_ASSERT_TRUE(stage.effects.objects[0].albedo && !stage.effects.objects[0].subsurface);
+}
+
+/* A copy of an object's light. */
+static float (*keep_light(size_t object))[3]
+{
+    size_t size = stage.objects[object].mesh.vertex_count * sizeof(float[3]);
+    float(*copy)[3] = malloc(size + 1);
+    TEST_ASSERT_NOT_NULL(copy);
+    memcpy(copy, stage.objects[object].light, size);
+    return copy;
+}
+
+/* That nothing can be in the way is the plan's claim: the rays that it saves find nothing. */
+static void shadow_rays_on_a_convex_body_change_nothing(void)
+{
+    bake(VIEW "lights:\n" AREA_LIGHT "objects:\n" BALL);
+    size_t size = stage.objects[0].mesh.vertex_count * sizeof(float[3]);
+    float(*without)[3] = keep_light(0);
+    TEST_ASSERT_EQUAL_UINT64(0, report.objects[0].counts.work.shadow_rays);
+    prepare(VIEW "lights:\n" AREA_LIGHT "objects:\n" BALL);
+    stage.effects.called[RENDER_SHADOWS] = true;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, stage_bake(&stage, stand_opencl(), &report, &error));
+    TEST_ASSERT_TRUE(report.objects[0].counts.work.shadow_rays > 2000);
+    TEST_ASSERT_EQUAL_MEMORY(without, stage.objects[0].light, size);
+    free(without);
+}
+
+/* RMS difference of the light of object 0 over its RMS, and both works. */
+static double changed_by(const char *with, const char *without, struct light_work *more,
+                         struct light_work *less)
+{
+    double difference = 0, square = 0;
+    bake(with);
+    size_t count = stage.objects[0].mesh.vertex_count;
+    float(*light)[3] = keep_light(0);
+    *more = report.objects[0].counts.work;
+    bake(without);
+    *less = report.objects[0].counts.work;
+    TEST_ASSERT_EQUAL_UINT64(count, stage.objects[0].mesh.vertex_count);
+    for (size_t i = 0; i < count; i++) {
+        for (int c = 0; c < 3; c++) {
+            double away = (double)light[i][c] - stage.objects[0].light[i][c];
+            difference += away * away;
+            square += (double)light[i][c] * light[i][c];
+        }
+    }
+    free(light);
+    return sqrt(difference / square);
+}
+
+#define FULL                                                                                       \
+    VIEW                                                                                           \
+        "environment: {color: [0.5, 0.4, 0.3]}\nbounces: 1\nlights:\n" AREA_LIGHT                  \
+        "  - {kind: projector, position_mm: [-20, -10, 50], at_mm: [0, 0, 8], texture: {pattern: " \
+        "checks}}\nobjects:\n" BALL "    index: 1.4\n" GROUND
+#define WITHOUT(name) "without: [" name "]\n" FULL
+
+/* Each counts its own work, which is 0 without it, changes nobody else's, and changes the light by more than is stated:
+ * half of what the scene's numbers lead to expect. */
+static void what_is_called_for_matters_and_nothing_else_works(void)
+{
+    struct light_work with, less;
+    /* The ground's shadow side: the ball's lower half gets less than half of the sky. */
+    TEST_ASSERT_TRUE(changed_by(FULL, WITHOUT("shadows"), &with, &less) > 0.02);
+    TEST_ASSERT_EQUAL_UINT64(0, less.shadow_rays);
+    TEST_ASSERT_EQUAL_UINT64(with.slide_lookups, less.slide_lookups);
+    TEST_ASSERT_EQUAL_UINT64(with.sky_lookups, less.sky_lookups);
+    TEST_ASSERT_EQUAL_UINT64(with.bounce_rays, less.bounce_rays);
+    /* Half of the checks are dark. */
+    TEST_ASSERT_TRUE(changed_by(FULL, WITHOUT("projected picture"), &with, &less) > 0.1);
+    TEST_ASSERT_EQUAL_UINT64(0, less.slide_lookups);
+    TEST_ASSERT_TRUE(with.slide_lookups > 500);
+    TEST_ASSERT_EQUAL_UINT64(with.sky_lookups, less.sky_lookups);
+    TEST_ASSERT_EQUAL_UINT64(with.bounce_rays, less.bounce_rays);
+    /* 0.4 beside lights of 1 and 1. */
+    TEST_ASSERT_TRUE(changed_by(FULL, WITHOUT("environment"), &with, &less) > 0.1);
+    TEST_ASSERT_EQUAL_UINT64(0, less.sky_lookups);
+    TEST_ASSERT_EQUAL_UINT64(with.slide_lookups, less.slide_lookups);
+    TEST_ASSERT_EQUAL_UINT64(with.bounce_rays, less.bounce_rays);
+    /* A ground of 0.5 under 2 in half of the view of half of the ball. */
+    TEST_ASSERT_TRUE(changed_by(FULL, WITHOUT("interreflection"), &with, &less) > 0.05);
+    TEST_ASSERT_EQUAL_UINT64(0, less.bounce_rays);
+    TEST_ASSERT_EQUAL_UINT64(with.slide_lookups, less.slide_lookups);
+    TEST_ASSERT_EQUAL_UINT64(with.sky_lookups, less.sky_lookups);
+    TEST_ASSERT_EQUAL_UINT64(with.shadow_rays, less.shadow_rays);
+    /* 1 - 0.9 / 0.97 of even light, more where it grazes. */
+    TEST_ASSERT_TRUE(changed_by(FULL, WITHOUT("Fresnel transmission"), &with, &less) > 0.02);
+    TEST_ASSERT_EQUAL_UINT64(0, less.transmittances);
+    TEST_ASSERT_TRUE(with.transmittances > 1000);
+    TEST_ASSERT_EQUAL_UINT64(with.shadow_rays, less.shadow_rays);
+    TEST_ASSERT_EQUAL_UINT64(with.sky_lookups, less.sky_lookups);
+    /* Checks of 6 mm on kernels of 2 mm. */
+    TEST_ASSERT_TRUE(changed_by(FULL, WITHOUT("subsurface scattering"), &with, &less) > 0.02);
+    TEST_ASSERT_EQUAL_UINT64(0, report.objects[0].counts.gather.receivers);
+    TEST_ASSERT_EQUAL_UINT64(with.shadow_rays, less.shadow_rays);
+    /* A light of 20 at 60: noise of 4 rays, and a penumbra. */
+    TEST_ASSERT_TRUE(changed_by(FULL, WITHOUT("soft light"), &with, &less) > 0.002);
+    TEST_ASSERT_TRUE(less.shadow_rays < with.shadow_rays);
+    TEST_ASSERT_EQUAL_UINT64(with.sky_lookups, less.sky_lookups);
+}
+
+static const struct effect *find(const struct effect *effects, size_t count, const char *name)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (strcmp(effects[i].name, name) == 0) {
+            return &effects[i];
+        }
+    }
+    TEST_FAIL_MESSAGE(name);
+    return NULL;
+}
+
+static void the_list_names_lines_and_reasons(void)
+{
+    struct effect *effects = NULL;
+    size_t count = 0;
+    prepare("without: [shadows]\n" VIEW "lights:\n" AREA_LIGHT "objects:\n" BALL GROUND);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, render_effects_list(&stage, &effects, &count, &error));
+    TEST_ASSERT_EQUAL_UINT64(RENDER_EFFECTS, count);
+    const struct effect *effect = find(effects, count, "shadows");
+    TEST_ASSERT_FALSE(effect->simulated);
+    TEST_ASSERT_EQUAL_INT(1, effect->line);
+    effect = find(effects, count, "subsurface scattering");
+    TEST_ASSERT_TRUE(effect->simulated && effect->seconds > 0);
+    TEST_ASSERT_EQUAL_INT(9, effect->line);
+    effect = find(effects, count, "soft light");
+    TEST_ASSERT_TRUE(effect->simulated);
+    TEST_ASSERT_EQUAL_INT(5, effect->line);
+    effect = find(effects, count, "environment");
+    TEST_ASSERT_FALSE(effect->simulated);
+    TEST_ASSERT_EQUAL_STRING("no environment", effect->reason);
+    TEST_ASSERT_EQUAL_DOUBLE(0, effect->seconds);
+    for (size_t i = 0; i < count; i++) {
+        TEST_ASSERT_TRUE_MESSAGE(strlen(effects[i].reason) > 5, effects[i].name);
+        TEST_ASSERT_TRUE_MESSAGE(!effects[i].simulated || effects[i].line > 0, effects[i].name);
+    }
+    free(effects);
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(scenes_call_for_what_they_name);
+    RUN_TEST(forbidden_effects_are_left_out);
+    RUN_TEST(what_cannot_be_forbidden_is_refused);
+    RUN_TEST(narrow_kernels_fall_to_the_albedo);
+    RUN_TEST(shadow_rays_on_a_convex_body_change_nothing);
+    RUN_TEST(what_is_called_for_matters_and_nothing_else_works);
+    RUN_TEST(the_list_names_lines_and_reasons);
+    return UNITY_END();
+}
