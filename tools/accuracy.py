@@ -2,7 +2,9 @@
 """Tells how much each effect adds to the error of developed responses: scans a virtual sample with all effects and with
 each forbidden in turn, compares with the exact responses, and prints tables; --write puts them into docs/accuracy.md.
 
-usage: accuracy.py NACRE [--write] [FOLDER]     (about four minutes on one core)
+usage: accuracy.py NACRE HDR_TABLE [--write] [FOLDER]     (about three minutes on one core)
+
+`ninja -C build accuracy` does so. HDR_TABLE is tests/develop/hdr_table.
 """
 import json
 import os
@@ -52,11 +54,25 @@ def error_of(name, *options):
     return difference['mean'], difference['bias'], report
 
 
+def edit(name, pattern, replacement):
+    """Change one thing in the station file of `name`."""
+    path = os.path.join(folder, f'{name}-station.yaml')
+    with open(path, encoding='utf-8') as file:
+        text, count = re.subn(pattern, replacement, file.read())
+    assert count == 1, pattern
+    with open(path, 'w', encoding='utf-8') as file:
+        file.write(text)
+
+
+def scan(name):
+    if not os.path.exists(os.path.join(folder, name)):
+        nacre('scan', name, '--station', f'{name}-station.yaml')
+
+
 def measure(name, *options, dots_of=None, **station):
     """Scan and develop with the effects of `station`; the dots patterns may be those of another session."""
     settings(name, **station)
-    if not os.path.exists(os.path.join(folder, name)):
-        nacre('scan', name, '--station', f'{name}-station.yaml')
+    scan(name)
     if dots_of:
         calibration = os.path.join(folder, name, 'calibration')
         for file in os.listdir(calibration):
@@ -110,19 +126,30 @@ def main():
     row('half of the pixels\' size, beside no noise (demosaicing, points\' borders)',
         measure('fine', without=silent, width=416, height=392, pixels_per_point=8), quiet)
     say('\n| developed with | error | more than the default | sum off by |\n| --- | --- | --- | --- |')
-    for options in (['--flat=paper'], ['--black=clip'], ['--demosaic=area'], ['--demosaic=malvar']):
-        result = error_of('full', *options)
+    settings('lossy')
+    edit('lossy', r'(  projector:\n    contrast: 2000\n    vignetting:) [0-9.]+', r'\1 0.5')
+    scan('lossy')
+    for name, options in (('full', ['--flat=paper']), ('full', ['--black=clip']), ('full', ['--demosaic=area']),
+                          ('full', ['--demosaic=malvar'])):
+        result = error_of(name, *options)
         more = result[0] ** 2 - full[0] ** 2
         say(f'| `{options[0]}` | {percent(result[0])} | {percent(more ** 0.5) if more > 0 else "none"} | '
             f'{100 * result[1]:+.2f} % |')
+    say('\n| flat field of a projector that loses half its light | error | sum off by |\n| --- | --- | --- |')
+    for options in (['--flat=separate'], ['--flat=paper']):
+        result = error_of('lossy', *options)
+        say(f'| `{options[0]}` | {percent(result[0])} | {100 * result[1]:+.2f} % |')
+    say('')
+    for line in subprocess.run([hdr_table], check=True, capture_output=True, text=True).stdout.splitlines():
+        say(line)
 
 
 arguments = [argument for argument in sys.argv[1:] if argument != '--write']
-if not arguments:
+if len(arguments) < 2:
     sys.exit(__doc__)
-program = os.path.abspath(arguments[0])
-if len(arguments) > 1:
-    folder = os.path.abspath(arguments[1])
+program, hdr_table = (os.path.abspath(argument) for argument in arguments[:2])
+if len(arguments) > 2:
+    folder = os.path.abspath(arguments[2])
     os.makedirs(folder, exist_ok=True)
     main()
 else:

@@ -3,7 +3,7 @@
 
 #include <math.h>
 
-/* The largest misfit at which the fit is used. The virtual station's sharp camera stays below 0.03. Light that is blurred
+/* The largest misfit at which the fit is used; measured, not derived. The virtual station's sharp camera stays below 0.03. Light that is blurred
  * by a tenth of a point exceeds it, and Malvar is nearer (tests/develop/test_resample.c). A lens out of focus by a
  * pixel exceeds it too, though the fit would still be nearer: the misfit cannot tell the two. */
 static const double misfit_limit = 0.1;

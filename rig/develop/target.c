@@ -135,9 +135,9 @@ static int fill_report(const struct lattice *lattice, const struct station_sampl
     }
     for (int k = 0; k < PLACES * PLACES; k++) {
         double steps[3];
+        int row = k / PLACES;
         struct point at = {(k % PLACES + 0.5) / PLACES * sample->width,
-                           (k / PLACES + 0.5) / PLACES *
-                               sample->height}; // NOLINT(bugprone-integer-division)
+                           (row + 0.5) / PLACES * sample->height};
         measure_at(&back, at, steps);
         least = fmin(least, steps[2]);
         most = fmax(most, steps[2]);
