@@ -148,10 +148,16 @@ static void save(const char *path, const struct plot *plot)
         fail("cannot write the plot");
     }
     *end = '\0';
+    char *inner = strchr(text, '>');
+    if (!inner) {
+        fail("cannot write the plot");
+    }
+    *inner = '\0';
     (void)fprintf(file,
                   "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" "
-                  "font-family=\"sans-serif\" font-size=\"11\" style=\"background:#fff\"%s",
-                  plot->width, plot->height, text + strlen("<svg"));
+                  "font-family=\"sans-serif\" font-size=\"11\"%s>\n"
+                  "<rect width=\"100%%\" height=\"100%%\" fill=\"#fff\"/>%s",
+                  plot->width, plot->height, text + strlen("<svg"), inner + 1);
     for (int kind = 0; kind < KINDS; kind++) {
         (void)fprintf(file, "<text x=\"%d\" y=\"%d\" text-anchor=\"end\" fill=\"%s\">%s</text>\n",
                       plot->width - 16, 40 + 14 * kind, colours[kind], kind_names[kind]);
