@@ -1,5 +1,5 @@
 /* Going over sizes: 4, 8, 12 and 20 terms with 1, 5 and 10 clusters, both weights, as floats and quantised; and 1 to 12 terms
- * with a kernel each. */
+ * with a kernel each, of which some are fitted by the reference too. */
 #include "sweep.h"
 
 #include "bilinear.h"
@@ -16,10 +16,11 @@
 
 enum { TERMS_MOST = 12, LIMIT = 64 };
 
-enum kind { PAPER, PAPER_RESPONSE, QUANTISED, QUANTISED_RESPONSE, TERMS, KINDS };
+enum kind { PAPER, PAPER_RESPONSE, QUANTISED, QUANTISED_RESPONSE, TERMS, REFERENCE, KINDS };
 
-static const char *const kind_names[] = {"paper", "paper, weight response", "paper, 8 bits",
-                                         "paper, 8 bits, weight response", "kernel per term"};
+static const char *const kind_names[] = {"paper",           "paper, weight response",
+                                         "paper, 8 bits",   "paper, 8 bits, weight response",
+                                         "kernel per term", "kernel per term, reference fit"};
 
 struct result {
     enum kind kind;
@@ -46,7 +47,7 @@ static void add(struct results *results, const struct sample *s, enum kind kind,
                             .bytes = fitted->bytes,
                             .file = fitted->file};
     char size[32];
-    (void)snprintf(size, sizeof size, kind == TERMS ? "M %d" : "T %d, k %d", terms, clusters);
+    (void)snprintf(size, sizeof size, kind >= TERMS ? "M %d" : "T %d, k %d", terms, clusters);
     printf("| %s | %s | %zu | %zu | %.4f | %.4f | %.4f |\n", kind_names[kind], size, result.bytes,
            result.file, result.errors.whole, result.errors.without_centre, result.noise_free);
     (void)fflush(stdout);
@@ -73,6 +74,24 @@ static void add_paper(const struct bench *b, const struct sample *s, int terms, 
     nacre_material_finish(&kept);
 }
 
+/* By libfactor, as `nacre factor --model terms` stores it. */
+static void add_terms(const struct bench *b, const struct sample *s, int terms,
+                      struct results *results)
+{
+    struct factor_options options = factor_options_default();
+    options.model = FACTOR_MODEL_TERMS;
+    options.terms = terms;
+    struct nacre_material full = fitted_material(b, s, false, &options), kept = {0};
+    if (!s->exact) {
+        kept = fitted_material(b, s, true, &options);
+    }
+    struct fitted fitted = fitted_tell(s, &full, s->exact ? NULL : &kept, 0);
+    add(results, s, TERMS, terms, 0, &fitted);
+    fitted_finish(&fitted);
+    nacre_material_finish(&full);
+    nacre_material_finish(&kept);
+}
+
 /* A reference fit in double precision, stored as bilinear_bytes counts: there is no file of it. */
 static void add_reference(const struct sample *s, int terms, struct results *results)
 {
@@ -88,7 +107,7 @@ static void add_reference(const struct sample *s, int terms, struct results *res
         bilinear_fit(&entries, form, 1, &limits, &fit);
         bilinear_quantise(&fit, FITTED_BITS);
         bilinear_predict(&fit, model);
-        fitted.bytes = fitted.file = bilinear_bytes(&fit, FITTED_BITS);
+        fitted.bytes = bilinear_bytes(&fit, FITTED_BITS);
         if (kept) {
             fitted.of_kept = model;
         } else {
@@ -97,7 +116,7 @@ static void add_reference(const struct sample *s, int terms, struct results *res
         bilinear_finish(&fit);
         entries_finish(&entries);
     }
-    add(results, s, TERMS, terms, 0, &fitted);
+    add(results, s, REFERENCE, terms, 0, &fitted);
     fitted_finish(&fitted);
 }
 
@@ -130,7 +149,7 @@ static void print_goal(const struct sample *s, const struct results *results, en
         (double)paper->file >= asked * (double)best->file ? "reached" : "missed");
 }
 
-static const char colours[KINDS][8] = {"#999999", "#c43c4e", "#c9a227", "#2a8a57", "#1a5e8c"};
+static const char colours[REFERENCE][8] = {"#999999", "#c43c4e", "#c9a227", "#2a8a57", "#1a5e8c"};
 
 /* The plot as a file of its own, with a legend. */
 static void save(const char *path, const struct plot *plot)
@@ -158,9 +177,9 @@ static void save(const char *path, const struct plot *plot)
                   "font-family=\"sans-serif\" font-size=\"11\"%s>\n"
                   "<rect width=\"100%%\" height=\"100%%\" fill=\"#fff\"/>%s",
                   plot->width, plot->height, text + strlen("<svg"), inner + 1);
-    for (int kind = 0; kind < KINDS; kind++) {
-        (void)fprintf(file, "<text x=\"%d\" y=\"%d\" text-anchor=\"end\" fill=\"%s\">%s</text>\n",
-                      plot->width - 16, 40 + 14 * kind, colours[kind], kind_names[kind]);
+    for (int kind = 0; kind < REFERENCE; kind++) {
+        (void)fprintf(file, "<text x=\"%d\" y=\"%d\" fill=\"%s\">%s</text>\n", 60,
+                      plot->height - 50 - 14 * (TERMS - kind), colours[kind], kind_names[kind]);
     }
     (void)fputs("</svg>\n", file);
     free(text);
@@ -172,16 +191,19 @@ static void save(const char *path, const struct plot *plot)
 /* Noise-free error against the file's bytes: dots of the paper's model, a line of a kernel per term. */
 static void write_plot(const struct bench *b, const struct sample *s, const struct results *results)
 {
-    double x[KINDS][LIMIT], y[KINDS][LIMIT];
-    struct plot_series series[KINDS] = {{0}};
+    double x[REFERENCE][LIMIT], y[REFERENCE][LIMIT];
+    struct plot_series series[REFERENCE] = {{0}};
     char path[512], title[256];
     for (size_t i = 0; i < results->count; i++) {
         const struct result *r = &results->all[i];
+        if (r->kind == REFERENCE) {
+            continue; /* which have no file */
+        }
         struct plot_series *line = &series[r->kind];
         x[r->kind][line->count] = (double)r->file / 1024;
         y[r->kind][line->count++] = r->noise_free;
     }
-    for (int kind = 0; kind < KINDS; kind++) {
+    for (int kind = 0; kind < REFERENCE; kind++) {
         series[kind].x = x[kind];
         series[kind].y = y[kind];
         series[kind].dots = kind != TERMS;
@@ -197,7 +219,7 @@ static void write_plot(const struct bench *b, const struct sample *s, const stru
                         .width = 480,
                         .height = 320,
                         .series = series,
-                        .series_count = KINDS};
+                        .series_count = REFERENCE};
     save(path, &plot);
 }
 
@@ -218,7 +240,11 @@ void sweep(const struct bench *b, const struct sample *s)
         }
     }
     for (int m = 1; m <= TERMS_MOST; m += b->quick ? 3 : 1) {
-        add_reference(s, m, &results);
+        add_terms(b, s, m, &results);
+    }
+    add_reference(s, 4, &results);
+    if (!b->quick) {
+        add_reference(s, 8, &results);
     }
     for (enum kind kind = PAPER; kind <= PAPER_RESPONSE; kind++) {
         print_goal(s, &results, kind);
