@@ -65,9 +65,10 @@ int mesh_load(const char *path, struct mesh *mesh, struct nacre_error *error)
     if (access(path, R_OK) != 0) {
         return nacre_fail_errno(error, errno, "%s: cannot read the mesh", path);
     }
-    scene = aiImportFile(path, aiProcess_Triangulate | aiProcess_JoinIdenticalVertices |
-                                   aiProcess_SortByPType | aiProcess_PreTransformVertices |
-                                   aiProcess_GenSmoothNormals);
+    /* Without a look at the indices first, the other steps crash on files that lie. */
+    scene = aiImportFile(path, aiProcess_ValidateDataStructure | aiProcess_Triangulate |
+                                   aiProcess_JoinIdenticalVertices | aiProcess_SortByPType |
+                                   aiProcess_PreTransformVertices | aiProcess_GenSmoothNormals);
     if (!scene) {
         (void)nacre_fail(error, "%s: cannot read the mesh: %s", path, aiGetErrorString());
         goto out;

@@ -126,6 +126,29 @@ static void put_words(FILE *file, const void *values, size_t count)
     }
 }
 
+/* Readers there are (Assimp) that take a first byte for more of the header's white space. */
+static bool looks_like_space(float value)
+{
+    uint32_t word;
+    memcpy(&word, &value, 4);
+    return (word & 255) == ' ' || ((word & 255) >= '\t' && (word & 255) <= '\r');
+}
+
+/* The vertex to write first; the first one takes its place. */
+static size_t choose_first(const struct mesh *mesh)
+{
+    size_t first = 0;
+    while (first + 1 < mesh->vertex_count && looks_like_space(mesh->positions[first][0])) {
+        first++;
+    }
+    return looks_like_space(mesh->positions[first][0]) ? 0 : first;
+}
+
+static uint32_t swapped(uint32_t vertex, uint32_t first)
+{
+    return vertex == first ? 0 : vertex == 0 ? first : vertex;
+}
+
 int radiance_write_ply(const char *path, const struct radiance *radiance,
                        const char *const *comments, struct nacre_error *error)
 {
@@ -133,8 +156,10 @@ int radiance_write_ply(const char *path, const struct radiance *radiance,
     struct output_file output;
     int status = output_file_open(&output, strdup(path), error);
     if (status == NACRE_OK) {
+        uint32_t first = (uint32_t)choose_first(mesh);
         put_header(output.file, radiance, comments);
-        for (size_t i = 0; i < mesh->vertex_count; i++) {
+        for (size_t k = 0; k < mesh->vertex_count; k++) {
+            size_t i = swapped((uint32_t)k, first);
             put_words(output.file, mesh->positions[i], 3);
             put_words(output.file, mesh->normals[i], 3);
             if (mesh->uv) {
@@ -144,7 +169,10 @@ int radiance_write_ply(const char *path, const struct radiance *radiance,
         }
         for (size_t i = 0; i < mesh->triangle_count; i++) {
             (void)fputc(3, output.file);
-            put_words(output.file, mesh->triangles[i], 3);
+            const uint32_t *t = mesh->triangles[i];
+            const uint32_t corners[3] = {swapped(t[0], first), swapped(t[1], first),
+                                         swapped(t[2], first)};
+            put_words(output.file, corners, 3);
         }
     }
     return output_file_close(&output, status, error);

@@ -15,7 +15,8 @@ OCTAVES = 7
 
 
 def write_ply(path, vertices, triangles):
-    """Vertices are x, y, z, s, t."""
+    """Vertices are x, y, z, s, t. The first byte must not look like white space, which Assimp skips."""
+    assert struct.pack('<f', vertices[0][0])[0] not in b' \t\n\r\f\v'
     with open(path, 'wb') as file:
         file.write((f'ply\nformat binary_little_endian 1.0\nelement vertex {len(vertices)}\n'
                     'property float x\nproperty float y\nproperty float z\nproperty float s\nproperty float t\n'
@@ -52,9 +53,9 @@ def smooth(points, steps):
 
 def vessel(path):
     """A bowl like a lens on a foot: the outer wall upwards, over the lip, the inner wall down again."""
-    outline = [(0.01, 0), (22, 0), (24, 3), (17, 9), (30, 18), (52, 32), (63, 50), (60, 66), (50, 76),
+    outline = [(0.015, 0), (22, 0), (24, 3), (17, 9), (30, 18), (52, 32), (63, 50), (60, 66), (50, 76),
                (48.5, 77.5), (47, 76.5),
-               (55.5, 65), (58.5, 50), (48, 35), (28, 23), (10, 18), (0.01, 17)]
+               (55.5, 65), (58.5, 50), (48, 35), (28, 23), (10, 18), (0.015, 17)]
     curve = smooth(outline, 12)
     along, vertices = 0.0, []
     for k, (radius, height) in enumerate(curve):
@@ -96,7 +97,7 @@ def terrain(path):
                 weight *= 0.42
             rim = min(x, 1 - x, y, 1 - y) / 0.12
             sink = 1 if rim >= 1 else rim * rim * (3 - 2 * rim)
-            vertices.append((x - 0.5, y - 0.5, 0.21 * height * sink, x, y))
+            vertices.append((x - 0.5, y - 0.5, 0.085 * height * sink, x, y))
     write_ply(path, vertices, grid(CELLS, CELLS))
 
 

@@ -216,6 +216,18 @@ static void a_mesh_without_triangles_is_refused(void)
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "mesh.obj"), error.text);
 }
 
+/* Assimp itself crashes on such a file. */
+static void a_file_with_indices_past_its_vertices_is_refused(void)
+{
+    static const char ply[] =
+        "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 1\nproperty list uchar int vertex_indices\nend_header\n"
+        "0 0 0\n1 0 0\n0 1 0\n3 0 1 2000000000\n";
+    scratch_store("mesh.ply", ply, sizeof ply - 1);
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, mesh_load(scratch_path("mesh.ply"), &mesh, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "mesh.ply"), error.text);
+}
+
 static void a_mesh_of_no_area_is_refused(void)
 {
     TEST_ASSERT_EQUAL_INT(NACRE_FAILED, load("v 0 0 0\nv 1 0 0\nv 2 0 0\nf 1 2 3\n"));
@@ -285,6 +297,7 @@ int main(void)
     RUN_TEST(a_mesh_file_is_loaded_and_scaled);
     RUN_TEST(a_mesh_that_is_missing_is_refused);
     RUN_TEST(a_mesh_without_triangles_is_refused);
+    RUN_TEST(a_file_with_indices_past_its_vertices_is_refused);
     RUN_TEST(a_mesh_of_no_area_is_refused);
     RUN_TEST(triangles_of_no_area_are_left_out);
     RUN_TEST(coordinates_that_are_no_place_are_refused);

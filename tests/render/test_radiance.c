@@ -174,6 +174,26 @@ static void make_two_charts(void)
     }
 }
 
+/* A vertex x that begins with the byte of a line's end, which Assimp would take for part of the header. */
+static void a_ply_can_begin_with_any_number(void)
+{
+    make_two_charts();
+    radiance.mesh.positions[0][0] = 0.01F; /* 0a d7 23 3c */
+    const char *path = scratch_path("out.ply");
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, radiance_write_ply(path, &radiance, NULL, &error));
+    const struct aiScene *read = aiImportFile(path, 0);
+    TEST_ASSERT_NOT_NULL_MESSAGE(read, aiGetErrorString());
+    const struct aiMesh *got = read->mMeshes[0];
+    TEST_ASSERT_EQUAL_UINT(radiance.mesh.triangle_count, got->mNumFaces);
+    for (unsigned i = 0; i < 3 * got->mNumFaces; i++) {
+        unsigned there = got->mFaces[i / 3].mIndices[i % 3];
+        uint32_t here = radiance.mesh.triangles[i / 3][i % 3];
+        TEST_ASSERT_EQUAL_FLOAT(radiance.mesh.positions[here][0], got->mVertices[there].x);
+        TEST_ASSERT_EQUAL_FLOAT(radiance.rgb[here][1], got->mColors[0][there].g);
+    }
+    aiReleaseImport(read);
+}
+
 /* As a renderer reads it: bilinear, v upwards. */
 static double lookup(const float uv[2], int c)
 {
@@ -341,6 +361,7 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(a_ply_holds_every_vertex_and_its_radiance);
+    RUN_TEST(a_ply_can_begin_with_any_number);
     RUN_TEST(vertices_can_be_as_in_the_mesh_s_file);
     RUN_TEST(lookups_near_borders_of_charts_show_no_seam);
     RUN_TEST(without_padding_the_same_lookups_show_seams);
