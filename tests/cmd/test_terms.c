@@ -100,18 +100,23 @@ static char *write_material(const char *name, enum nacre_layout layout, bool cen
     return path;
 }
 
-static double mean_of(const char *path, const char *group)
+static double number_of(const char *path, const char *option, const char *group, const char *name)
 {
     json_error_t why;
-    char *text = RUN("error", scan, path, "--json");
+    char *text = RUN("error", scan, path, option, "--json");
     json_t *root = json_loads(text, 0, &why);
     TEST_ASSERT_NOT_NULL_MESSAGE(root, why.text);
-    const json_t *mean = json_object_get(json_object_get(root, group), "mean");
-    TEST_ASSERT_TRUE_MESSAGE(json_is_number(mean), group);
-    double value = json_number_value(mean);
+    const json_t *number = json_object_get(json_object_get(root, group), name);
+    TEST_ASSERT_TRUE_MESSAGE(json_is_number(number), group);
+    double value = json_number_value(number);
     json_decref(root);
     free(text);
     return value;
+}
+
+static double mean_of(const char *path, const char *group)
+{
+    return number_of(path, "--quiet", group, "mean");
 }
 
 /* The scan's half floats are off by at most 2^-11 = 4.9e-4 of each entry, the material's floats by nothing beside that. */
@@ -207,6 +212,29 @@ static void the_picture_is_that_of_the_same_responses_otherwise_written(void)
     free(bright);
 }
 
+/* The same through the factorizer: one term, found on the scan and stored at 8 bits. Its planes are the roots of two values,
+ * 0.5 and 0.9 in red, 0.2 and 0.8 in blue, held to half a step of 255 in square root: the root of the greatest is 1, a step of
+ * u is 2 sqrt(u) / 255 of it, so u = 0.5 / 0.9 is off by at most 0.0029 / 0.556 = 0.53 % and R by twice that; u = 0.25, in blue, by
+ * 0.8 % and 1.6 %. Shared planes cannot be all of red, green and blue, whose ratios differ (0.56, 0.41 and 0.25), so channels
+ * have planes of their own here. Half floats of the scan add 0.05 %. */
+static void one_term_is_found_on_the_scan(void)
+{
+    char *path = path_join(folder, "factored.exr");
+    struct nacre_material m = {0};
+    struct nacre_error error = {""};
+    free(RUN("factor", scan, "-o", path, "--model", "terms", "--terms", "1", "--planes", "separate",
+             "--json"));
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, nacre_material_read(path, &m, &error), error.text);
+    TEST_ASSERT_EQUAL_INT(NACRE_KERNEL_PER_TERM, m.layout);
+    TEST_ASSERT_EQUAL_INT(1, m.terms);
+    TEST_ASSERT_EQUAL_INT(8, m.bits);
+    TEST_ASSERT_DOUBLE_WITHIN(0.017, 0, mean_of(path, "error"));
+    TEST_ASSERT_DOUBLE_WITHIN(0.017, 0, mean_of(path, "error_without_centre"));
+    TEST_ASSERT_DOUBLE_WITHIN(0.017, 0, number_of(path, "--cross", "cross", "error"));
+    nacre_material_finish(&m);
+    free(path);
+}
+
 int main(int argc, char **argv)
 {
     if (argc != 3) {
@@ -222,6 +250,7 @@ int main(int argc, char **argv)
     RUN_TEST(an_error_of_one_term_is_told_with_and_without_the_centre);
     RUN_TEST(the_report_shows_the_term);
     RUN_TEST(the_picture_is_that_of_the_same_responses_otherwise_written);
+    RUN_TEST(one_term_is_found_on_the_scan);
     free(scan);
     folder_remove(folder);
     return UNITY_END();
