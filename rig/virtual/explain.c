@@ -9,7 +9,7 @@
 enum { FIXED_EFFECTS = 12 + SOLVERS };
 
 /* Measured on one 2 to 3 GHz core: a voxel for 8 responses, and finding the material of one place. */
-static const double VOXEL_SECONDS = 300e-9;
+static const double VOXEL_SECONDS = 200e-9;
 static const double PLACE_SECONDS = 100e-9;
 static const int PLACES_IN_VOXEL = 32;
 
