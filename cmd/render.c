@@ -122,6 +122,10 @@ static void print_object(size_t number, const struct render_object_report *objec
         (void)printf(" (%zu without area left out)", object->degenerate);
     }
     (void)printf("\n");
+    if (object->open_edges > 0 || object->crowded_edges > 0) {
+        (void)printf("  edges       %zu have one triangle (the mesh is open), %zu more than two\n",
+                     object->open_edges, object->crowded_edges);
+    }
     if (!object->translucent) {
         return;
     }
@@ -174,11 +178,12 @@ static int print_json(const struct render_options *settings, const struct render
         const struct render_object_report *o = &report->objects[i];
         (void)json_array_append_new(
             objects,
-            json_pack("{s:I, s:I, s:I, s:b, s:I, s:I, s:I, s:f, s:[f, f, f], s:b}", "vertices",
-                      (json_int_t)o->vertices, "triangles", (json_int_t)o->triangles, "degenerate",
-                      (json_int_t)o->degenerate, "translucent", o->translucent, "samples",
-                      (json_int_t)o->counts.samples, "quarters",
-                      (json_int_t)o->counts.gather.quarters, "rays",
+            json_pack("{s:I, s:I, s:I, s:I, s:I, s:b, s:I, s:I, s:I, s:f, s:[f, f, f], s:b}",
+                      "vertices", (json_int_t)o->vertices, "triangles", (json_int_t)o->triangles,
+                      "degenerate", (json_int_t)o->degenerate, "open_edges",
+                      (json_int_t)o->open_edges, "crowded_edges", (json_int_t)o->crowded_edges,
+                      "translucent", o->translucent, "samples", (json_int_t)o->counts.samples,
+                      "quarters", (json_int_t)o->counts.gather.quarters, "rays",
                       (json_int_t)rays_of(&o->counts.work), "point_mm", o->point_mm, "stretch",
                       o->stretch[0], o->stretch[1], o->stretch[2], "limited", o->limited));
     }

@@ -45,6 +45,10 @@ int mesh_load(const char *path, struct mesh *mesh, struct nacre_error *error);
  * are missing. `name` is the mesh's in messages. */
 int mesh_check(struct mesh *mesh, const char *name, struct nacre_error *error);
 
+/* Edges that have one triangle, and those that have more than two; vertices at the same place count as one. */
+int mesh_count_edges(const struct mesh *mesh, size_t *open, size_t *crowded,
+                     struct nacre_error *error);
+
 /* Least and greatest corner. */
 void mesh_bounds(const struct mesh *mesh, struct vec3 *low, struct vec3 *high);
 double mesh_area_mm2(const struct mesh *mesh);

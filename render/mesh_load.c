@@ -1,13 +1,11 @@
 /* Reading mesh files through Assimp. */
 #include "render/mesh.h"
 
+#include "render/mesh_file.h"
+
 #include <assimp/cimport.h>
 #include <assimp/postprocess.h>
 #include <assimp/scene.h>
-
-#include <errno.h>
-#include <stdlib.h>
-#include <unistd.h>
 
 struct totals {
     size_t vertices, triangles;
@@ -62,8 +60,8 @@ int mesh_load(const char *path, struct mesh *mesh, struct nacre_error *error)
     size_t vertices = 0, triangles = 0;
     const struct aiScene *scene = NULL;
     *mesh = (struct mesh){0};
-    if (access(path, R_OK) != 0) {
-        return nacre_fail_errno(error, errno, "%s: cannot read the mesh", path);
+    if (mesh_file_check(path, error) != NACRE_OK) {
+        return NACRE_FAILED;
     }
     /* Without a look at the indices first, the other steps crash on files that lie. */
     scene = aiImportFile(path, aiProcess_ValidateDataStructure | aiProcess_Triangulate |

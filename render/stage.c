@@ -2,6 +2,7 @@
 #include "render/stage.h"
 
 #include "render/facts.h"
+#include "render/inside.h"
 #include "render/plain.h"
 
 #include <stdlib.h>
@@ -141,6 +142,11 @@ static int refine_object(struct stage *stage, size_t index, struct render_object
                          struct nacre_error *error)
 {
     struct stage_object *prepared = &stage->objects[index];
+    if (stage->scene->objects[index].shape == SHAPE_MESH &&
+        mesh_count_edges(&prepared->mesh, &report->open_edges, &report->crowded_edges, error) !=
+            NACRE_OK) {
+        return NACRE_FAILED;
+    }
     int status = prepared->translucent ? refine_translucent(stage, prepared, report, error)
                                        : refine_plain(stage, prepared, error);
     if (status != NACRE_OK) {
@@ -238,7 +244,10 @@ int stage_prepare(struct stage *stage, const struct scene *scene,
     if (status == NACRE_OK) {
         status = make_lights(stage, error);
     }
-    return status == NACRE_OK ? make_world(stage, error) : status;
+    if (status == NACRE_OK) {
+        status = make_world(stage, error);
+    }
+    return status == NACRE_OK ? lights_check_outside(stage, error) : status;
 }
 
 void stage_finish(struct stage *stage)

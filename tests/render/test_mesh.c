@@ -6,6 +6,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 #include <unity.h>
 
 static struct mesh mesh;
@@ -216,6 +217,59 @@ static void a_mesh_without_triangles_is_refused(void)
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "mesh.obj"), error.text);
 }
 
+static void a_file_that_promises_more_than_it_holds_is_refused_before_it_takes_memory(void)
+{
+    static const char ply[] =
+        "ply\nformat binary_little_endian 1.0\nelement vertex 2000000000\nproperty float x\n"
+        "property float y\nproperty float z\nelement face 1\n"
+        "property list uchar int vertex_indices\nend_header\nabc";
+    scratch_store("mesh.ply", ply, sizeof ply - 1);
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, mesh_load(scratch_path("mesh.ply"), &mesh, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "holds 2000000000 elements"), error.text);
+}
+
+static void an_empty_or_enormous_file_is_refused(void)
+{
+    scratch_store("mesh.ply", "", 0);
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, mesh_load(scratch_path("mesh.ply"), &mesh, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "mesh.ply: the mesh's file is empty"),
+                                 error.text);
+    scratch_store("mesh.obj", "v 0 0 0\n", 8);
+    /* Holes take no room on the disk. */
+    TEST_ASSERT_EQUAL_INT(0, truncate(scratch_path("mesh.obj"), INT64_C(5) << 30));
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, mesh_load(scratch_path("mesh.obj"), &mesh, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "5.4 GB is larger than the limit of 4.3 GB"),
+                                 error.text);
+}
+
+static void a_folder_is_no_mesh(void)
+{
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, mesh_load(scratch_path(""), &mesh, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "no regular file"), error.text);
+}
+
+static void open_and_crowded_edges_are_counted(void)
+{
+    const double sides[3] = {3, 4, 5};
+    size_t open = 9, crowded = 9;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, mesh_make_box(&mesh, sides, &error));
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, mesh_count_edges(&mesh, &open, &crowded, &error));
+    TEST_ASSERT_EQUAL_UINT64(0, open); /* though each face has vertices of its own */
+    TEST_ASSERT_EQUAL_UINT64(0, crowded);
+    mesh.triangle_count -= 2;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, mesh_count_edges(&mesh, &open, &crowded, &error));
+    TEST_ASSERT_EQUAL_UINT64(4, open);
+    TEST_ASSERT_EQUAL_UINT64(0, crowded);
+    mesh_finish(&mesh);
+    /* Three triangles on one edge, as a book's pages. */
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, load("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nv 0 -1 0\nf 1 2 3\nf 1 2 4\nf 1 2 5\n"),
+        error.text);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, mesh_count_edges(&mesh, &open, &crowded, &error));
+    TEST_ASSERT_EQUAL_UINT64(6, open);
+    TEST_ASSERT_EQUAL_UINT64(1, crowded);
+}
+
 /* Assimp itself crashes on such a file. */
 static void a_file_with_indices_past_its_vertices_is_refused(void)
 {
@@ -297,6 +351,10 @@ int main(void)
     RUN_TEST(a_mesh_file_is_loaded_and_scaled);
     RUN_TEST(a_mesh_that_is_missing_is_refused);
     RUN_TEST(a_mesh_without_triangles_is_refused);
+    RUN_TEST(a_file_that_promises_more_than_it_holds_is_refused_before_it_takes_memory);
+    RUN_TEST(an_empty_or_enormous_file_is_refused);
+    RUN_TEST(a_folder_is_no_mesh);
+    RUN_TEST(open_and_crowded_edges_are_counted);
     RUN_TEST(a_file_with_indices_past_its_vertices_is_refused);
     RUN_TEST(a_mesh_of_no_area_is_refused);
     RUN_TEST(triangles_of_no_area_are_left_out);

@@ -433,6 +433,22 @@ static void what_a_scene_names_must_be_there(void)
         "absent.png");
 }
 
+static void a_light_inside_a_translucent_object_is_told(void)
+{
+    write_material();
+    fails_with(SMALL FROM_ABOVE
+               "lights:\n  - {kind: point, position_mm: [1, 2, 16], at_mm: [9, 9, 9]}\n"
+               "objects:\n  - shape: sphere\n    size_mm: 30\n"
+               "    material: {file: material.exr, mapping: sphere, point_mm: 1.5}\n",
+               "the light at line 4 is inside the translucent object at line 6");
+    /* Under it, or beside it between two, it is outside. */
+    must_render(SMALL FROM_ABOVE
+                "lights:\n  - {kind: point, position_mm: [1, 2, 36], at_mm: [9, 9, 9]}\n"
+                "objects:\n  - shape: sphere\n    size_mm: 30\n"
+                "    material: {file: material.exr, mapping: sphere, point_mm: 1.5}\n"
+                "  - {shape: box, size_mm: 90, position_mm: [0, 0, -10]}\n");
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -455,5 +471,6 @@ int main(void)
     RUN_TEST(a_missing_povray_is_told);
     RUN_TEST(a_failing_povray_speaks_for_itself);
     RUN_TEST(what_a_scene_names_must_be_there);
+    RUN_TEST(a_light_inside_a_translucent_object_is_told);
     return UNITY_END();
 }

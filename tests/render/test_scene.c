@@ -54,12 +54,22 @@ static void documented_example_is_read(void)
 
 static void shipped_scenes_are_read(void)
 {
-    static const char *const names[] = {"area", "albedo", "projector"};
+    static const char *const names[] = {"area",
+                                        "albedo",
+                                        "projector",
+                                        "gallery/bunny-area",
+                                        "gallery/bunny-albedo",
+                                        "gallery/bunny-projector",
+                                        "gallery/knot",
+                                        "gallery/terrain",
+                                        "gallery/vessel",
+                                        "gallery/vessel-projector"};
     for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
         char path[1024];
         (void)snprintf(path, sizeof path, "%s/%s.yaml", EXAMPLES, names[i]);
         TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, scene_read(path, &scene, &error), error.text);
-        TEST_ASSERT_EQUAL_INT(i == 1 ? MODE_ALBEDO : MODE_FULL, scene.objects[0].material.mode);
+        TEST_ASSERT_EQUAL_INT(strstr(names[i], "albedo") ? MODE_ALBEDO : MODE_FULL,
+                              scene.objects[0].material.mode);
         scene_finish(&scene);
     }
 }
