@@ -58,7 +58,9 @@ static struct terms_set *set_of(struct terms *m, int channel)
 /* In the unit that ldexp(objective, exponent of the channel) makes the responses' own. */
 static double objective_of(const struct terms *m, int channel, double objective)
 {
-    double constant = terms_data_sets(m->data) > 1 ? 0 : m->data->constant;
+    const double *constants = m->data->constant;
+    double constant = terms_data_sets(m->data) > 1 ? constants[channel]
+                                                   : constants[0] + constants[1] + constants[2];
     return ldexp(objective + constant, m->data->exponent - m->data->responses->exponent[channel]);
 }
 
@@ -174,7 +176,7 @@ static int write_factors(struct method *method, int channel, const float *f, con
 }
 
 /* Saving and loading: the part of a set's state that is no plane, then the model, what waits and the last best step of
- * each side; then the channel's kernels. */
+ * each side; then the set's curvature, and the channel's kernels. */
 struct saved {
     double objective;
     float share, share_limit, damping;
@@ -186,9 +188,9 @@ enum { SAVED_PLANES = 3 };
 static size_t state_size(const struct method *method)
 {
     const struct terms *m = (const struct terms *)method;
-    return sizeof(struct saved) +
-           ((size_t)m->sides * SAVED_PLANES * plane_floats(m) + 2 * number_count(m)) *
-               sizeof(float);
+    return sizeof(struct saved) + ((size_t)m->sides * SAVED_PLANES * plane_floats(m) +
+                                   m->curvature_floats + 2 * number_count(m)) *
+                                      sizeof(float);
 }
 
 static int save_state(struct method *method, int channel, void *state, struct nacre_error *error)
@@ -216,6 +218,14 @@ static int save_state(struct method *method, int channel, void *state, struct na
             status = layout_read_factor(&m->layouts[0], planes[i % SAVED_PLANES], to, error);
         }
     }
+    if (set && status == NACRE_OK) {
+        status = opencl_check(m->layouts[0].opencl,
+                              clEnqueueReadBuffer(m->layouts[0].opencl->queue, set->curvature,
+                                                  CL_TRUE, 0, m->curvature_floats * sizeof *to, to,
+                                                  0, NULL, NULL),
+                              "cannot read the curvature", error);
+    }
+    to += m->curvature_floats;
     memcpy(to, m->channels[channel].good, number_count(m) * sizeof *to);
     memcpy(to + number_count(m), m->channels[channel].next, number_count(m) * sizeof *to);
     return status;
@@ -242,6 +252,14 @@ static int load_state(struct method *method, int channel, const void *state,
             status = layout_write_factor(&m->layouts[0], planes[i % SAVED_PLANES], from, error);
         }
     }
+    if (set && status == NACRE_OK) {
+        status = opencl_check(m->layouts[0].opencl,
+                              clEnqueueWriteBuffer(m->layouts[0].opencl->queue, set->curvature,
+                                                   CL_TRUE, 0, m->curvature_floats * sizeof *from,
+                                                   from, 0, NULL, NULL),
+                              "cannot write the curvature", error);
+    }
+    from += m->curvature_floats;
     memcpy(m->channels[channel].good, from, number_count(m) * sizeof *from);
     memcpy(m->channels[channel].next, from + number_count(m), number_count(m) * sizeof *from);
     if (set) {
@@ -299,6 +317,7 @@ static void terms_free(struct method *method)
             layout_release(m->channels[c].kernels[side]);
             layout_release(m->channels[c].scales[side]);
         }
+        layout_release(m->sets[c].curvature);
         layout_release(m->channels[c].sums);
         free(m->channels[c].good);
         free(m->channels[c].next);
@@ -306,7 +325,6 @@ static void terms_free(struct method *method)
     layout_release(m->weights);
     layout_release(m->nothing);
     layout_release(m->gradient);
-    layout_release(m->curvature);
     layout_release(m->equations);
     for (int i = 0; i < TERMS_KERNEL_COUNT; i++) {
         if (m->kernels[i]) {
@@ -410,10 +428,7 @@ static int prepare(struct terms *m, struct nacre_error *error)
         status = layout_make_buffer(l, items * padded * lanes * sizeof(float), NULL, false,
                                     &m->gradient, error);
     }
-    if (status == NACRE_OK) {
-        status = layout_make_buffer(l, items * padded * padded * lanes * sizeof(float), NULL, false,
-                                    &m->curvature, error);
-    }
+    m->curvature_floats = items * 2 * padded * padded * lanes;
     if (status == NACRE_OK) {
         status = layout_make_buffer(l, area * m->equation_size * sizeof(float), NULL, false,
                                     &m->equations, error);
@@ -457,6 +472,10 @@ static int start_set(struct terms *m, const struct problem *p, int index, struct
         for (int i = 0; i < 4 && status == NACRE_OK; i++) {
             status = layout_make_factor(&m->layouts[0], planes[i], error);
         }
+    }
+    if (status == NACRE_OK) {
+        status = layout_make_buffer(&m->layouts[0], m->curvature_floats * sizeof(float), NULL,
+                                    false, &set->curvature, error);
     }
     float *values = malloc(plane_floats(m) * sizeof *values);
     if (!values) {

@@ -5,7 +5,8 @@
  *
  *     phase 1:  g other of all terms into a small buffer, and the weighted residual V (R - sum own g other)
  *     phase 2:  gradient += residual * (g other) for all terms
- *     phase 3:  A += V (g other) (g other)^T for all pairs of terms, where that is asked for
+ *     phase 3:  A += V (g other) (g other)^T for all pairs of terms, where that is asked for. Far from the centre it
+ *               changes little from step to step, and only shapes them: an earlier one does
  *
  * with V = scale(d) (near(x) + far(x + d)). `descend` finds each point's best step from gradient and A, and `weigh` sums,
  * for each entry of the window, the normal equations of the kernels' values over all points. layout.cl tells how all
@@ -22,9 +23,11 @@
 #ifndef COLUMNS
 #define COLUMNS 2 /* columns of the window of a work-item of weigh */
 #endif
-#define VSTORE JOIN(vstore, LANES)
-#define PADDED ((TERMS + 1) / 2 * 2) /* terms are taken in twos */
-#define PAIRS  (TERMS * (TERMS + 1) / 2)
+#define VSTORE  JOIN(vstore, LANES)
+#define PADDED  ((TERMS + 1) / 2 * 2) /* terms are taken in twos */
+#define NEAR    3                     /* entries so near the centre are in A afresh each time */
+#define DISTANT 2                     /* of `step`: and all others too */
+#define PAIRS   (TERMS * (TERMS + 1) / 2)
 
 /* Kahan's sum of one more value for each lane. */
 INLINE void add_exactly(VEC *total, VEC *lost, VEC more)
@@ -145,9 +148,9 @@ INLINE void add_curvature(global VEC *curvature, const struct held *h, int count
     }
 }
 
-/* One channel's part of gradient [y][block][PADDED] and curvature [y][block][PADDED][PADDED] of every point, begun anew or
- * (`more`) added to what is there, and twice the sum of V miss^2 as a sum and its rounding error for each item. Items:
- * (block, y). */
+/* One channel's part of gradient [y][block][PADDED] and curvature [y][block][2][PADDED][PADDED], that of entries near the
+ * centre and that of all others, of every point, begun anew or (`more`) added to what is there, and twice the sum of V miss^2 as a sum and its rounding error for each item. step: 0,
+ * 1, or 1 | DISTANT. Items: (block, y). */
 kernel void visit(global const stored *responses, global const ushort *mask,
                   global const float *kernels, global const float *scales, global const float *own,
                   global const float *other, global const float *near, global const float *far,
@@ -157,7 +160,8 @@ kernel void visit(global const stored *responses, global const ushort *mask,
     const int block = get_global_id(0), y = get_global_id(1), half_window = s.window / 2;
     const size_t item = (size_t)y * s.blocks + block;
     global VEC *to = (global VEC *)gradient + item * PADDED;
-    global VEC *square = (global VEC *)curvature + item * PADDED * PADDED;
+    global VEC *square = (global VEC *)curvature + item * 2 * PADDED * PADDED;
+    global VEC *distant = square + PADDED * PADDED;
     const int x = s.pad + block * LANES;
     struct held h;
     VEC total = 0, lost = 0;
@@ -174,20 +178,28 @@ kernel void visit(global const stored *responses, global const ushort *mask,
     }
     for (int i = 0; step && !more && i < PADDED * PADDED; i++) {
         square[i] = 0;
+        distant[i] = step & DISTANT ? (VEC)(0) : distant[i];
     }
     h.near = VLOAD(0, near + (size_t)y * s.stride + x);
     for (int v = max(0, half_window - y); v < min(s.window, s.height + half_window - y); v++) {
         const int there = y + v - half_window;
         const size_t at = s.lead + ((size_t)y * s.window + v) * (size_t)s.row;
         VEC row = 0;
-        for (int e = first; e < end; e += CHUNK) {
-            const int count = min(CHUNK, end - e);
+        const int left = half_window - NEAR, right = half_window + NEAR + 1;
+        const int beside = v >= left && v < right;
+        int count;
+        for (int e = first; e < end; e += count) {
+            const int close = beside && e >= left && e < right;
+            const int stop = close ? right : beside && e < left ? left : end;
+            count = min(CHUNK, min(stop, end) - e);
             row += find_residuals(&h, responses + at, mask + (MASKED ? at / LANES : 0), kernels,
                                   scales, other + (size_t)there * s.planes * s.stride + x,
                                   far + (size_t)there * s.stride + x, v, e, count, block, s);
             if (step) {
                 add_gradient(&h, count);
-                add_curvature(square, &h, count);
+            }
+            if (step && (close || (step & DISTANT))) {
+                add_curvature(close ? square : distant, &h, count);
             }
         }
         add_exactly(&total, &lost, row);
@@ -207,25 +219,29 @@ kernel void descend(global const float *own, global const float *gradient,
     const int block = get_global_id(0), y = get_global_id(1);
     const size_t item = (size_t)y * s.blocks + block;
     global const VEC *from = (global const VEC *)gradient + item * PADDED;
-    global const VEC *square = (global const VEC *)curvature + item * PADDED * PADDED;
+    global const VEC *square = (global const VEC *)curvature + item * 2 * PADDED * PADDED;
+    VEC whole[PADDED * PADDED];
     const size_t at = (size_t)y * s.planes * s.stride + s.pad + block * LANES;
     VEC left[TERMS], value[TERMS], trace = 0;
+    for (int i = 0; i < PADDED * PADDED; i++) {
+        whole[i] = square[i] + square[PADDED * PADDED + i];
+    }
     for (int t = 0; t < TERMS; t++) {
         left[t] = from[t];
         value[t] = VLOAD(0, own + at + (size_t)t * s.stride);
-        trace += square[t * PADDED + t];
+        trace += whole[t * PADDED + t];
     }
     const VEC ridge = 1e-6f * trace;
     for (int sweep = 0; sweep < sweeps; sweep++) {
         for (int t = 0; t < TERMS; t++) {
-            VEC own_curvature = fma((VEC)(damping), square[t * PADDED + t], ridge);
+            VEC own_curvature = fma((VEC)(damping), whole[t * PADDED + t], ridge);
             VEC best = fmax((VEC)(0), value[t] + left[t] / fmax(own_curvature, (VEC)(FLT_MIN)));
             best = select(value[t], best, own_curvature > FLT_MIN);
             VEC change = damping * (best - value[t]);
             left[t] -= ridge * (best - value[t]);
             value[t] = best;
             for (int u = 0; u < TERMS; u++) {
-                VEC a = u > t ? square[u * PADDED + t] : square[t * PADDED + u];
+                VEC a = u > t ? whole[u * PADDED + t] : whole[t * PADDED + u];
                 left[u] = fma(-a, change, left[u]);
             }
         }

@@ -196,13 +196,12 @@ static double miss_of(const struct terms_data *d, struct pair p)
     return p.weight_forth * p.weight_back / weight * (p.forth - p.back) * (p.forth - p.back);
 }
 
-/* One point's response, [channels][K][K], as it is fitted. Returns its part of the constant. */
-static double merge_response(const struct terms_data *d, int x, int y, bool transposed,
-                             float *response)
+/* One point's response, [channels][K][K], as it is fitted. Adds its part of the channels' constants. */
+static void merge_response(const struct terms_data *d, int x, int y, bool transposed,
+                           float *response, double *constants)
 {
     const struct responses *r = d->responses;
     int half = r->window / 2;
-    double constant = 0;
     for (size_t i = 0; i < area_of(r) * (size_t)r->channels; i++) {
         int c = (int)(i / area_of(r)), at = (int)(i % area_of(r));
         int u = at % r->window, v = at / r->window, xo = x + u - half, yo = y + v - half;
@@ -212,9 +211,8 @@ static double merge_response(const struct terms_data *d, int x, int y, bool tran
         }
         struct pair p = pair_at(d, c, x, y, u, v);
         response[i] = (float)merge(d, p, transposed);
-        constant += (double)d->scales[c][at] * miss_of(d, p) / 4; /* each pair is met twice */
+        constants[c] += (double)d->scales[c][at] * miss_of(d, p) / 4; /* each pair is met twice */
     }
-    return constant;
 }
 
 static int merge_all(struct terms_data *d, int copy, struct nacre_error *error)
@@ -227,7 +225,7 @@ static int merge_all(struct terms_data *d, int copy, struct nacre_error *error)
                                          .pixel = NACRE_HALF,
                                          .pitch_mm = 1};
     size_t needed = responses_bytes(&info, r->lanes, true), available = responses_free_bytes();
-    double *constants = calloc((size_t)r->height, sizeof *constants);
+    double *constants = calloc((size_t)r->height * RESPONSES_CHANNELS, sizeof *constants);
     bool failed = false;
     if (needed > available || !constants) {
         free(constants);
@@ -243,7 +241,8 @@ static int merge_all(struct terms_data *d, int copy, struct nacre_error *error)
     for (int y = 0; y < (status == NACRE_OK ? r->height : 0); y++) {
         float *response = malloc(area_of(r) * (size_t)r->channels * sizeof *response);
         for (int x = 0; x < r->width && response; x++) {
-            constants[y] += merge_response(d, x, y, copy == 1, response);
+            merge_response(d, x, y, copy == 1, response,
+                           constants + (size_t)y * RESPONSES_CHANNELS);
             responses_put(&d->copies[copy], x, y, response);
         }
         if (!response) {
@@ -252,8 +251,8 @@ static int merge_all(struct terms_data *d, int copy, struct nacre_error *error)
         }
         free(response);
     }
-    for (int y = 0; y < r->height && copy == 0; y++) {
-        d->constant += constants[y];
+    for (int i = 0; i < r->height * RESPONSES_CHANNELS && copy == 0; i++) {
+        d->constant[i % RESPONSES_CHANNELS] += constants[i];
     }
     free(constants);
     if (status == NACRE_OK && failed) {

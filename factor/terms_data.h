@@ -45,8 +45,9 @@ struct terms_data {
     float *weights;                    /* [height][width]: W^2 of a point, 0 where it is dark */
     float *scales[RESPONSES_CHANNELS]; /* [K][K]: by which an entry's weight is multiplied */
     float *gain;                       /* [height][width] or NULL */
-    int exponent;    /* the objective is 2^exponent times what weights and scales make it */
-    double constant; /* of the objective, before that: what the two of each pair differ by */
+    int exponent; /* the objective is 2^exponent times what weights and scales make it */
+    double constant
+        [RESPONSES_CHANNELS]; /* of the objective, before that: what the two of each pair differ by */
     double asymmetry, asymmetry_left; /* of pairs, beyond noise; after the gain is divided out */
 };
 

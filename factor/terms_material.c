@@ -135,20 +135,17 @@ static void place_kernels(const struct problem *p, const struct factors *factors
 }
 
 /* The measured centre entries, in the responses' own unit. */
-static int place_centre(const struct problem *p, int channel, const uint8_t *known,
-                        struct nacre_material *m, uint8_t *work, struct nacre_error *error)
+static int place_centre(const struct problem *p, int channel, struct nacre_material *m,
+                        uint8_t *work, struct nacre_error *error)
 {
     const struct responses *r = p->data->responses;
     int half = r->window / 2;
     float *centre = m->centre + (size_t)channel * points_of(m);
-    bool complete = true;
     for (int i = 0; i < r->width * r->height; i++) {
         float value = responses_value(r, channel, i % r->width, i / r->width, half, half);
         work[i] = !isnan(value);
-        complete = complete && (work[i] || !known[i]);
         centre[i] = value > 0 ? ldexpf(value, r->exponent[channel]) : 0;
     }
-    (void)complete;
     int status = r->mask_needed ? fill_planes(r->width, r->height, work, p->ids, centre, 1,
                                               points_of(m), error)
                                 : NACRE_OK;
@@ -173,6 +170,7 @@ static int apply_gain(const struct terms_data *d, struct nacre_material *m,
 {
     size_t points = points_of(m);
     size_t count = points * (size_t)m->terms * (size_t)m->factor_channels;
+    nacre_material_round(m); /* while f is what the file holds */
     m->gain = malloc(points * sizeof *m->gain);
     if (!m->gain) {
         return nacre_fail_memory(error, "the gain");
@@ -209,7 +207,7 @@ static int fill_set(const struct problem *p, const struct factors *factors, int 
         place_kernels(p, factors, c, scales, m);
         assemble_albedo(d->responses, c, m->albedo + (size_t)c * points_of(m));
         quantise_logarithms(m->albedo + (size_t)c * points_of(m), points_of(m), m->bits);
-        status = place_centre(p, c, known, m, work, error);
+        status = place_centre(p, c, m, work, error);
     }
     return status;
 }

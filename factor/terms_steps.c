@@ -16,6 +16,17 @@
 /* Where a point's values change, so do those it meets: both ends' changes together are at most twice what one makes. */
 #define BOTH_WAYS 2.0F
 
+/* Normal matrices of entries far from the centre are summed again in every so many steps. */
+enum { EXACT_STEPS = 6, DISTANT_EVERY = 6 };
+
+/* As DISTANT in terms.cl. */
+enum { STEP = 1, STEP_EXACT = 3 };
+
+static int is_exact(const struct terms_set *set)
+{
+    return set->accepted < EXACT_STEPS || set->accepted % DISTANT_EVERY == 0;
+}
+
 /* A step so much shorter that still raises the objective: the model is as good as float arithmetic makes it. */
 #define MOST_DAMPING 1000.0F
 
@@ -42,10 +53,11 @@ static int run(struct terms *m, enum terms_kernel name, const void *const *value
 }
 
 /* One channel's part of a visit. side: 1 for the step of H. */
-static int visit_channel(struct terms *m, int channel, int side, cl_mem own, cl_mem other, int more,
-                         int step, struct nacre_error *error)
+static int visit_channel(struct terms *m, const struct terms_set *set, int channel, int side,
+                         cl_mem own, cl_mem other, int step, struct nacre_error *error)
 {
     const struct layout *l = &m->layouts[side];
+    const cl_int more = channel > set->first;
     const cl_mem near = side == 1 ? m->nothing : m->weights;
     const cl_mem far = m->sides == 2 && side == 0 ? m->nothing : m->weights;
     const void *values[] = {&l->channels[channel].responses,
@@ -57,7 +69,7 @@ static int visit_channel(struct terms *m, int channel, int side, cl_mem own, cl_
                             &near,
                             &far,
                             &m->gradient,
-                            &m->curvature,
+                            &set->curvature,
                             &m->channels[channel].sums,
                             &more,
                             &step,
@@ -77,7 +89,7 @@ static int visit(struct terms *m, const struct terms_set *set, int side, cl_mem 
 {
     int status = NACRE_OK;
     for (int i = 0; i < set->count && status == NACRE_OK; i++) {
-        status = visit_channel(m, set->first + i, side, own, other, i > 0, step, error);
+        status = visit_channel(m, set, set->first + i, side, own, other, step, error);
     }
     return status;
 }
@@ -101,15 +113,15 @@ static int collect(struct terms *m, const struct terms_set *set, double *objecti
     return opencl_check(l->opencl, status, "cannot read the objective", error);
 }
 
-static int descend(struct terms *m, struct terms_track *track, float damping,
+static int descend(struct terms *m, const struct terms_set *set, struct terms_track *track,
                    struct nacre_error *error)
 {
     const struct layout *l = &m->layouts[0];
     const cl_int sweeps = TERMS_SWEEPS;
-    const void *values[] = {&track->good, &m->gradient, &m->curvature, &track->fresh,
-                            &damping,     &sweeps,      &l->sizes};
-    const size_t sizes[] = {sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem),
-                            sizeof damping, sizeof sweeps,  sizeof l->sizes};
+    const void *values[] = {&track->good,  &m->gradient, &set->curvature, &track->fresh,
+                            &set->damping, &sweeps,      &l->sizes};
+    const size_t sizes[] = {sizeof(cl_mem),      sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem),
+                            sizeof set->damping, sizeof sweeps,  sizeof l->sizes};
     return run(m, TERMS_DESCEND, values, sizes, 7, (size_t)l->sizes.blocks, (size_t)l->sizes.height,
                2, error);
 }
@@ -206,15 +218,15 @@ static size_t number_bytes(const struct terms *m)
 static int make_step(struct terms *m, struct terms_set *set, float share, struct nacre_error *error)
 {
     struct terms_track *f = &set->tracks[0], *h = &set->tracks[1];
-    int status = descend(m, f, set->damping, error);
+    int status = descend(m, set, f, error);
     if (status == NACRE_OK) {
         status = extrapolate(m, f, share, error);
     }
     if (status == NACRE_OK && m->sides == 2) {
-        status = visit(m, set, 1, h->good, f->next, 1, error);
+        status = visit(m, set, 1, h->good, f->next, STEP_EXACT, error);
     }
     if (status == NACRE_OK && m->sides == 2) {
-        status = descend(m, h, set->damping, error);
+        status = descend(m, set, h, error);
     }
     if (status == NACRE_OK && m->sides == 2) {
         status = extrapolate(m, h, share, error);
@@ -266,7 +278,7 @@ static int refuse(struct terms *m, struct terms_set *set, struct nacre_error *er
         status = terms_place_kernels(m, c, m->channels[c].good, error);
     }
     if (status == NACRE_OK && !set->settled) {
-        status = visit(m, set, 0, own, other, 1, error);
+        status = visit(m, set, 0, own, other, STEP_EXACT, error);
     }
     return status == NACRE_OK && !set->settled ? make_step(m, set, 0, error) : status;
 }
@@ -280,7 +292,8 @@ int terms_advance(struct terms *m, struct terms_set *set, struct nacre_error *er
         status = find_kernels(m, set, error);
     }
     while (status == NACRE_OK && !set->settled) {
-        status = visit(m, set, 0, set->tracks[0].next, set->tracks[m->sides - 1].next, 1, error);
+        status = visit(m, set, 0, set->tracks[0].next, set->tracks[m->sides - 1].next,
+                       m->sides == 2 || is_exact(set) ? STEP_EXACT : STEP, error);
         if (status == NACRE_OK) {
             status = collect(m, set, &objective, error);
         }

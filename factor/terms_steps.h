@@ -28,6 +28,7 @@ struct terms_track {
 struct terms_set {
     int first, count; /* channels */
     struct terms_track tracks[2];
+    cl_mem curvature; /* as in terms.cl; its distant part is carried over from step to step */
     float share, share_limit; /* of the extrapolation */
     float damping;
     double objective;      /* of the model; infinite: not known */
@@ -54,12 +55,13 @@ struct terms {
         float *good, *next; /* [terms][numbers of a kernel] */
     } channels[RESPONSES_CHANNELS];
     cl_mem weights, nothing; /* [height][stride] */
-    cl_mem gradient, curvature, equations;
-    float *partials;      /* sums of the objective */
-    float *sums;          /* equations on the host */
-    float *staged;        /* kernels on their way to the device */
-    float *window;        /* [K][K] */
-    size_t equation_size; /* floats of an entry's equations */
+    cl_mem gradient, equations;
+    size_t curvature_floats; /* of one set */
+    float *partials;         /* sums of the objective */
+    float *sums;             /* equations on the host */
+    float *staged;           /* kernels on their way to the device */
+    float *window;           /* [K][K] */
+    size_t equation_size;    /* floats of an entry's equations */
 };
 
 /* Make sure that what waits in `next` does not raise the objective, and take it as the model; then make the step from
