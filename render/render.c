@@ -2,6 +2,7 @@
 #include "render/render.h"
 
 #include "base/clock.h"
+#include "render/half_range.h"
 #include "render/pov.h"
 #include "render/pov_sky.h"
 #include "render/povray.h"
@@ -83,9 +84,16 @@ static void remove_temporary(const struct work *work)
     (void)rmdir(work->temporary);
 }
 
-static int export_scene(const struct work *work, const char *folder, struct nacre_error *error)
+/* The scene for POV-Ray, brighter by `scale`. */
+static int export_scene(const struct work *work, const char *folder, double scale,
+                        struct nacre_error *error)
 {
-    const struct scene *scene = work->scene;
+    struct scene scaled = *work->scene; /* shares what it points to */
+    const struct scene *scene = &scaled;
+    scaled.image.exposure *= scale;
+    for (int c = 0; c < 3; c++) {
+        scaled.image.background[c] *= scale;
+    }
     struct pov_object *exported = calloc(scene->object_count + 1, sizeof *exported);
     if (!exported) {
         return nacre_fail_memory(error, "the scene for POV-Ray");
@@ -119,6 +127,7 @@ int render_scene(const struct scene *scene, const struct render_settings *settin
 {
     struct work work = {.scene = scene, .settings = settings};
     const char *folder;
+    double scale = 1;
     int64_t start = now_ns();
     *report = (struct render_report){0};
     *picture = (struct picture){0};
@@ -133,7 +142,8 @@ int render_scene(const struct scene *scene, const struct render_settings *settin
     (void)lap(&start);
     status = make_folder(&work, &folder, error);
     if (status == NACRE_OK) {
-        status = export_scene(&work, folder, error);
+        scale = half_range_scale(&work.stage);
+        status = export_scene(&work, folder, scale, error);
     }
     report->export_seconds = lap(&start);
     if (status == NACRE_OK) {
@@ -141,6 +151,11 @@ int render_scene(const struct scene *scene, const struct render_settings *settin
         status = povray_render(folder, scene->image.width, scene->image.height,
                                !settings->povray_shadows, &progress, picture, error);
         progress_end(&progress);
+    }
+    for (size_t i = 0; status == NACRE_OK && scale != 1 &&
+                       i < 3 * (size_t)picture->width * (size_t)picture->height;
+         i++) {
+        picture->rgb[i] = (float)(picture->rgb[i] / scale);
     }
     report->povray_seconds = lap(&start);
 out:

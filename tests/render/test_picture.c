@@ -433,6 +433,31 @@ static void what_a_scene_names_must_be_there(void)
         "absent.png");
 }
 
+/* POV-Ray writes half floats: nothing above 65504, nothing below 6e-8, and few digits below 6e-5. */
+static void values_beyond_half_floats_come_through(void)
+{
+    static const char *const exposures[] = {"1e6", "1e-6"};
+    const double factors[] = {1e6, 1e-6};
+    const char *rest = FROM_ABOVE WHITE_GROUND
+        "lights: [{kind: point, position_mm: [10, 5, 30], irradiance: [1, 0.5, 0.25]}]\n";
+    char text[2048];
+    (void)snprintf(text, sizeof text, "image: {width: 40, height: 40}\n%s", rest);
+    must_render(text);
+    struct picture plain = picture;
+    picture = (struct picture){0};
+    for (int k = 0; k < 2; k++) {
+        (void)snprintf(text, sizeof text, "image: {width: 40, height: 40, exposure: %s}\n%s",
+                       exposures[k], rest);
+        must_render(text);
+        for (int i = 0; i < 1600 * 3; i++) {
+            /* Two roundings to 11 bits. */
+            double expected = plain.rgb[i] * factors[k];
+            TEST_ASSERT_DOUBLE_WITHIN(expected / 1024, expected, picture.rgb[i]);
+        }
+    }
+    picture_finish(&plain);
+}
+
 static void a_light_inside_a_translucent_object_is_told(void)
 {
     write_material();
@@ -471,6 +496,7 @@ int main(void)
     RUN_TEST(a_missing_povray_is_told);
     RUN_TEST(a_failing_povray_speaks_for_itself);
     RUN_TEST(what_a_scene_names_must_be_there);
+    RUN_TEST(values_beyond_half_floats_come_through);
     RUN_TEST(a_light_inside_a_translucent_object_is_told);
     return UNITY_END();
 }
