@@ -3,6 +3,7 @@
 
 #include <errno.h>
 #include <fcntl.h>
+#include <stdbool.h>
 #include <stdint.h>
 #include <stdlib.h>
 #include <string.h>
@@ -36,9 +37,11 @@ int mesh_file_check(const char *path, struct nacre_error *error)
     struct stat status;
     char *header = calloc(HEADER_MAXIMUM + 1, 1);
     int file = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK), result = NACRE_FAILED;
+    bool read = header && file >= 0 && fstat(file, &status) == 0 &&
+                (!S_ISREG(status.st_mode) || pread(file, header, HEADER_MAXIMUM, 0) >= 0);
     if (!header) {
         (void)nacre_fail_memory(error, "the header of a mesh");
-    } else if (file < 0 || fstat(file, &status) != 0) {
+    } else if (!read) {
         (void)nacre_fail_errno(error, errno, "%s: cannot read the mesh", path);
     } else if (!S_ISREG(status.st_mode)) {
         (void)nacre_fail(error, "%s: cannot read the mesh: it is no regular file", path);
@@ -49,8 +52,6 @@ int mesh_file_check(const char *path, struct nacre_error *error)
                          "%s: the mesh's file of %.1f GB is larger than the limit of %.1f GB; "
                          "simplify the mesh",
                          path, (double)status.st_size * 1e-9, (double)file_maximum * 1e-9);
-    } else if (pread(file, header, HEADER_MAXIMUM, 0) < 0) {
-        (void)nacre_fail_errno(error, errno, "%s: cannot read the mesh", path);
     } else {
         result = strncmp(header, "ply", 3) == 0 ? check_ply(path, header, status.st_size, error)
                                                 : NACRE_OK;

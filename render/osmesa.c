@@ -83,7 +83,8 @@ void osmesa_close(struct osmesa *gl)
     void *library = gl->context ? dlopen("libOSMesa.so.8", RTLD_NOW | RTLD_LOCAL) : NULL;
     destroy_context *destroy = NULL;
     struct nacre_error unused;
-    if (library && load(library, "OSMesaDestroyContext", &destroy, &unused) == NACRE_OK) {
+    if (library && load(library, "OSMesaDestroyContext", &destroy, &unused) == NACRE_OK &&
+        destroy) {
         destroy(gl->context);
     }
     free(gl->surface);
