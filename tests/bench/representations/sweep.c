@@ -80,6 +80,7 @@ static void add_terms(const struct bench *b, const struct sample *s, int terms,
 {
     struct factor_options options = factor_options_default();
     options.model = FACTOR_MODEL_TERMS;
+    options.clusters = 0;
     options.terms = terms;
     struct nacre_material full = fitted_material(b, s, false, &options), kept = {0};
     if (!s->exact) {
