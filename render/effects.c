@@ -37,6 +37,12 @@ bool render_forbids(const struct scene *scene, enum render_effect id)
     return false;
 }
 
+/* What the build lacks is forbidden always. */
+static bool forbids(const struct scene *scene, enum render_effect id)
+{
+    return !RENDER_EFFECTS_BUILT(id) || render_forbids(scene, id);
+}
+
 static bool is_grey(const double color[3])
 {
     return color[0] == color[1] && color[1] == color[2];
@@ -83,8 +89,8 @@ static void plan_light(const struct scene *scene, const struct render_object_fac
 {
     bool *called = effects->called;
     bool lit = scene->light_count > 0 || scene->environment.line > 0;
-    called[RENDER_SHADOWS] = lit && !(scene->object_count == 1 && facts[0].convex) &&
-                             !render_forbids(scene, RENDER_SHADOWS);
+    called[RENDER_SHADOWS] =
+        lit && !(scene->object_count == 1 && facts[0].convex) && !forbids(scene, RENDER_SHADOWS);
     for (size_t i = 0; i < scene->light_count; i++) {
         const struct scene_light *light = &scene->lights[i];
         called[RENDER_SOFT_LIGHT] =
@@ -110,19 +116,19 @@ static void plan_object(const struct scene *scene, size_t index,
         bool wide = facts->gathers && facts->spread_points > narrow &&
                     facts->spread_points * facts->point_mm > narrow * facts->pixel_mm;
         own->albedo = albedo || object->material.mode == MODE_ALBEDO || (facts->gathers && !wide) ||
-                      render_forbids(scene, RENDER_SUBSURFACE);
-        own->local = !own->albedo && facts->local && !render_forbids(scene, RENDER_LOCAL);
+                      forbids(scene, RENDER_SUBSURFACE);
+        own->local = !own->albedo && facts->local && !forbids(scene, RENDER_LOCAL);
         own->subsurface = !own->albedo && facts->gathers;
-        own->albedo = own->albedo && !render_forbids(scene, RENDER_LOCAL);
-        own->same_side = own->subsurface && (object->material.thin == THIN_SAME_SIDE ||
-                                             render_forbids(scene, RENDER_THIN));
+        own->albedo = own->albedo && !forbids(scene, RENDER_LOCAL);
+        own->same_side = own->subsurface &&
+                         (object->material.thin == THIN_SAME_SIDE || forbids(scene, RENDER_THIN));
         own->clusters = own->subsurface && facts->kernels > 1;
         own->color = own->subsurface && !(facts->grey && lights_are_grey(scene));
-        own->fresnel = object->index > 1 && !render_forbids(scene, RENDER_FRESNEL);
+        own->fresnel = object->index > 1 && !forbids(scene, RENDER_FRESNEL);
     }
-    own->highlights = object->gloss.specular > 0 && scene->light_count > 0 &&
-                      !render_forbids(scene, RENDER_HIGHLIGHTS);
-    own->reflection = object->gloss.reflection > 0 && !render_forbids(scene, RENDER_REFLECTION);
+    own->highlights =
+        object->gloss.specular > 0 && scene->light_count > 0 && !forbids(scene, RENDER_HIGHLIGHTS);
+    own->reflection = object->gloss.reflection > 0 && !forbids(scene, RENDER_REFLECTION);
     called[RENDER_LOCAL] =
         called[RENDER_LOCAL] || own->local || own->albedo || !object->material.file;
     called[RENDER_SUBSURFACE] = called[RENDER_SUBSURFACE] || own->subsurface;
@@ -148,7 +154,7 @@ int render_effects_plan(const struct scene *scene, const struct render_object_fa
     }
     for (int i = 0; i < RENDER_EFFECTS; i++) {
         enum render_effect id = (enum render_effect)i;
-        effects->called[i] = effects->called[i] && !render_forbids(scene, id);
+        effects->called[i] = effects->called[i] && !forbids(scene, id);
     }
     return NACRE_OK;
 }

@@ -37,11 +37,13 @@ static inline bool render_effect_is_data(enum render_effect effect)
     return effect == RENDER_CLUSTERS || effect == RENDER_COLOR;
 }
 
-/* tests/render/effects_cost.py compiles single effects out, or all of them (RENDER_EFFECTS), to show that an effect which
- * is not called for costs what one that does not exist costs. */
+/* tests/render/effects_cost.py compiles single effects out, or all that a material can do without (RENDER_EFFECTS), to
+ * show that an effect which is not called for costs what one that does not exist costs. */
 #ifdef RENDER_EFFECTS_WITHOUT
 #define RENDER_EFFECTS_BUILT(id)                                                                   \
-    ((RENDER_EFFECTS_WITHOUT) != RENDER_EFFECTS && (id) != (RENDER_EFFECTS_WITHOUT))
+    ((RENDER_EFFECTS_WITHOUT) == RENDER_EFFECTS                                                    \
+         ? ((id) == RENDER_LOCAL || (id) == RENDER_SUBSURFACE || (id) == RENDER_THIN)              \
+         : (id) != (RENDER_EFFECTS_WITHOUT))
 #else
 #define RENDER_EFFECTS_BUILT(id) true
 #endif

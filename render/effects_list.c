@@ -22,8 +22,10 @@ static const double PAIRS_LEFT = 0.1;
 struct list {
     const struct stage *stage;
     struct effect *effects;
-    double samples, vertices; /* of translucent objects; of plain ones that are lit here */
+    double samples, translucent_vertices; /* of translucent objects */
+    double vertices;                      /* of plain ones that are lit here */
     double soft_lights, hard_lights;
+    int plain_line; /* of the first plain object */
 };
 
 __attribute__((format(printf, 3, 4))) static void tell(struct effect *effect, bool simulated,
@@ -49,7 +51,11 @@ static void count(struct list *list)
     for (size_t i = 0; i < stage->scene->object_count; i++) {
         const struct stage_object *object = &stage->objects[i];
         double point = stage->facts[i].point_mm;
+        if (!object->translucent && list->plain_line == 0) {
+            list->plain_line = stage->scene->objects[i].line;
+        }
         if (object->translucent) {
+            list->translucent_vertices += (double)object->mesh.vertex_count;
             list->samples += fmax(surface_mm2(object) / (point * point) * settings->density,
                                   (double)object->mesh.triangle_count);
         } else if (object->light) {
@@ -229,8 +235,8 @@ static void tell_of_material(struct list *list, enum render_effect id, struct ef
     effect->line = gathers ? gathers->material.line : 0;
     switch (id) {
     case RENDER_LOCAL:
-        effect->line = object ? object->material.line : stage->scene->objects[0].line;
-        effect->seconds = object ? (double)stage->objects[0].mesh.vertex_count * VERTEX_S : 0;
+        effect->line = object ? object->material.line : list->plain_line;
+        effect->seconds = list->translucent_vertices * VERTEX_S;
         tell(effect, called, "%s",
              called ? "light that leaves where it entered: plain objects, albedo, kernels' peaks"
                     : "no plain object, and no kernel has a peak");

@@ -6,8 +6,8 @@
 #include "nacre/error.h"
 #include "render/stage.h"
 
-/* Every effect of a prepared scene, in the order of light's way; *effects is heap memory. */
-int render_effects_list(const struct stage *stage, struct effect **effects, size_t *count,
+/* Every effect of a prepared scene, in the order of light's way; *effects is heap memory, *number of them. */
+int render_effects_list(const struct stage *stage, struct effect **effects, size_t *number,
                         struct nacre_error *error);
 
 #endif

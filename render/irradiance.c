@@ -5,11 +5,10 @@
 #include "render/fresnel.h"
 #include "render/random.h"
 
-struct tally {
+struct light_tally {
     double irradiance[3];
-    int drawn;  /* samples of the light */
-    int facing; /* those that bring light */
-    int cast, blocked;
+    int cast, blocked,
+        entered; /* samples that were traced, were stopped, and were weighed by their angle */
 };
 
 /* Number k of Roberts' R2 sequence, every run of which covers the unit square evenly. */
@@ -27,7 +26,7 @@ static double transmitted(const struct lit_point *point, struct vec3 towards)
 }
 
 /* Samples of a light: numbers from `first` on, each of the share `share`. */
-struct run {
+struct light_run {
     const double *shift;
     uint64_t first;
     int count;
@@ -37,9 +36,9 @@ struct run {
 /* One body for all; `shadows` and `enters` are constant where it is used, so that nothing is asked for each ray. */
 __attribute__((always_inline)) static inline void
 add_samples(const struct world *world, const struct light *light, const struct lit_point *point,
-            const struct run *run, const bool shadows, const bool enters, struct tally *tally)
+            const struct light_run *run, const bool shadows, const bool enters,
+            struct light_tally *tally)
 {
-    tally->drawn += run->count;
     for (int k = 0; k < run->count; k++) {
         double u[2];
         square_point(run->shift, run->first + (uint64_t)k, u);
@@ -48,7 +47,6 @@ add_samples(const struct world *world, const struct light *light, const struct l
         if (fmax(light_here[0], fmax(light_here[1], light_here[2])) <= 0) {
             continue;
         }
-        tally->facing++;
         if (shadows) {
             tally->cast++;
             if (world_blocked(world, point->position, point->normal, arrival.from)) {
@@ -58,6 +56,7 @@ add_samples(const struct world *world, const struct light *light, const struct l
         }
         double share = run->share;
         if (enters) {
+            tally->entered++;
             share *= transmitted(point, vec3_subtract(arrival.from, point->position));
         }
         for (int c = 0; c < 3; c++) {
@@ -66,35 +65,18 @@ add_samples(const struct world *world, const struct light *light, const struct l
     }
 }
 
-static void add_light(const struct world *world, const struct light *light,
-                      const struct lit_point *point, const struct run *run, bool shadows,
-                      struct tally *tally)
+static void count_work(const struct light *light, int drawn, const struct light_tally *tally,
+                       struct light_work *work)
 {
-    if (!RENDER_EFFECTS_BUILT(RENDER_FRESNEL) || point->index == 1) {
-        if (shadows) {
-            add_samples(world, light, point, run, true, false, tally);
-        } else {
-            add_samples(world, light, point, run, false, false, tally);
-        }
-    } else if (shadows) {
-        add_samples(world, light, point, run, true, true, tally);
-    } else {
-        add_samples(world, light, point, run, false, true, tally);
-    }
-}
-
-static void count_work(const struct light *light, const struct lit_point *point,
-                       const struct tally *tally, struct light_work *work)
-{
-    uint64_t drawn = (uint64_t)tally->drawn;
     work->shadow_rays += (uint64_t)tally->cast;
-    work->slide_lookups += light->kind == LIGHT_PROJECTOR && light->slide.rgb ? drawn : 0;
-    work->sky_lookups += light->kind == LIGHT_ENVIRONMENT ? drawn : 0;
-    work->transmittances += point->index != 1 ? (uint64_t)(tally->facing - tally->blocked) : 0;
+    work->lookups[light->lookup] += (uint64_t)drawn;
+    work->transmittances += (uint64_t)tally->entered;
 }
 
-void irradiance_at(const struct lighting *lighting, const struct lit_point *point, double out[3],
-                   struct light_work *work)
+__attribute__((always_inline)) static inline void add_lights(const struct lighting *lighting,
+                                                             const struct lit_point *point,
+                                                             const bool shadows, const bool enters,
+                                                             double out[3], struct light_work *work)
 {
     out[0] = out[1] = out[2] = 0;
     for (size_t l = 0; l < lighting->light_count; l++) {
@@ -102,16 +84,82 @@ void irradiance_at(const struct lighting *lighting, const struct lit_point *poin
         int count = light->soft ? lighting->rays : 1;
         double shift[2] = {random_uniform(lighting->seed, l, 0),
                            random_uniform(lighting->seed, l, 1)};
-        struct run run = {shift, point->stream * (uint64_t)count, count, 1.0 / count};
-        struct tally tally = {0};
-        add_light(lighting->world, light, point, &run, lighting->shadows, &tally);
-        count_work(light, point, &tally, work);
+        struct light_run run = {shift, point->stream * (uint64_t)count, count, 1.0 / count};
+        struct light_tally tally = {0};
+        add_samples(lighting->world, light, point, &run, shadows, enters, &tally);
+        count_work(light, count, &tally, work);
         for (int c = 0; c < 3; c++) {
             out[c] += tally.irradiance[c];
         }
     }
-    if (RENDER_EFFECTS_BUILT(RENDER_BOUNCES) && lighting->reflectors) {
-        irradiance_from_surfaces(lighting, point, out, work);
+}
+
+__attribute__((noinline)) static void find_traced(const struct lighting *lighting,
+                                                  const struct lit_point *point, double out[3],
+                                                  struct light_work *work)
+{
+    add_lights(lighting, point, true, false, out, work);
+}
+
+__attribute__((noinline)) static void find_untraced(const struct lighting *lighting,
+                                                    const struct lit_point *point, double out[3],
+                                                    struct light_work *work)
+{
+    add_lights(lighting, point, false, false, out, work);
+}
+
+__attribute__((noinline)) static void find_traced_entering(const struct lighting *lighting,
+                                                           const struct lit_point *point,
+                                                           double out[3], struct light_work *work)
+{
+    add_lights(lighting, point, true, true, out, work);
+}
+
+__attribute__((noinline)) static void find_untraced_entering(const struct lighting *lighting,
+                                                             const struct lit_point *point,
+                                                             double out[3], struct light_work *work)
+{
+    add_lights(lighting, point, false, true, out, work);
+}
+
+static irradiance_way *choose(bool traced, double index)
+{
+    bool shadows = RENDER_EFFECTS_BUILT(RENDER_SHADOWS) && traced;
+    if (RENDER_EFFECTS_BUILT(RENDER_FRESNEL) && index != 1) {
+        return shadows ? find_traced_entering : find_untraced_entering;
+    }
+    return shadows ? find_traced : find_untraced;
+}
+
+static void find_with_surfaces(const struct lighting *lighting, const struct lit_point *point,
+                               double out[3], struct light_work *work)
+{
+    choose(lighting->shadows, point->index)(lighting, point, out, work);
+    irradiance_from_surfaces(lighting, point, out, work);
+}
+
+irradiance_way *irradiance_choose(const struct lighting *lighting, double index)
+{
+    return RENDER_EFFECTS_BUILT(RENDER_BOUNCES) && lighting->reflectors
+               ? find_with_surfaces
+               : choose(lighting->shadows, index);
+}
+
+/* The same samples, for a light whose shadow is not known beforehand. */
+__attribute__((noinline)) static void
+add_run(const struct lighting *lighting, const struct light *light, const struct lit_point *point,
+        const struct light_run *run, bool traced, struct light_tally *tally)
+{
+    bool shadows = RENDER_EFFECTS_BUILT(RENDER_SHADOWS) && traced;
+    bool enters = RENDER_EFFECTS_BUILT(RENDER_FRESNEL) && point->index != 1;
+    if (shadows && enters) {
+        add_samples(lighting->world, light, point, run, true, true, tally);
+    } else if (shadows) {
+        add_samples(lighting->world, light, point, run, true, false, tally);
+    } else if (enters) {
+        add_samples(lighting->world, light, point, run, false, true, tally);
+    } else {
+        add_samples(lighting->world, light, point, run, false, false, tally);
     }
 }
 
@@ -122,16 +170,16 @@ void irradiance_penumbra(const struct lighting *lighting, const struct light *li
     double shift[2] = {random_uniform(lighting->seed, point->stream, 0),
                        random_uniform(lighting->seed, point->stream, 1)};
     double share = 1.0 / lighting->rays;
-    struct tally tally = {0};
-    struct run run = {shift, 0, first, share};
-    add_light(lighting->world, light, point, &run, lighting->shadows, &tally);
+    struct light_tally tally = {0};
+    struct light_run run = {shift, 0, first, share};
+    add_run(lighting, light, point, &run, lighting->shadows, &tally);
     bool dark = tally.cast > 0 && tally.blocked == tally.cast;
     bool penumbra = tally.blocked > 0;
     if (!dark) {
-        run = (struct run){shift, (uint64_t)first, rest, share};
-        add_light(lighting->world, light, point, &run, lighting->shadows && penumbra, &tally);
+        run = (struct light_run){shift, (uint64_t)first, rest, share};
+        add_run(lighting, light, point, &run, lighting->shadows && penumbra, &tally);
     }
-    count_work(light, point, &tally, work);
+    count_work(light, dark ? first : lighting->rays, &tally, work);
     for (int c = 0; c < 3; c++) {
         out[c] = tally.irradiance[c];
     }
@@ -164,8 +212,9 @@ void irradiance_from_surfaces(const struct lighting *lighting, const struct lit_
 void light_work_add(struct light_work *sum, const struct light_work *more)
 {
     sum->shadow_rays += more->shadow_rays;
-    sum->slide_lookups += more->slide_lookups;
-    sum->sky_lookups += more->sky_lookups;
+    for (int k = 0; k < LIGHT_LOOKUPS; k++) {
+        sum->lookups[k] += more->lookups[k];
+    }
     sum->bounce_rays += more->bounce_rays;
     sum->photons += more->photons;
     sum->transmittances += more->transmittances;

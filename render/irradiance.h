@@ -12,12 +12,11 @@
 
 /* What was done, to be added up. */
 struct light_work {
-    uint64_t shadow_rays;    /* between surfaces and lights */
-    uint64_t slide_lookups;  /* samples of light with a projected picture */
-    uint64_t sky_lookups;    /* of the environment */
-    uint64_t bounce_rays;    /* from surfaces to others, and of photons that go on */
-    uint64_t photons;        /* sent out */
-    uint64_t transmittances; /* of light that enters, by its angle */
+    uint64_t shadow_rays;            /* between surfaces and lights */
+    uint64_t lookups[LIGHT_LOOKUPS]; /* samples of lights, by what they look up */
+    uint64_t bounce_rays;            /* from surfaces to others, and of photons that go on */
+    uint64_t photons;                /* sent out */
+    uint64_t transmittances;         /* of light that enters, by its angle */
 };
 
 /* What lights surfaces: lights, or other surfaces that are lit, or both. */
@@ -43,8 +42,18 @@ struct lit_point {
 
 /* Mean irradiance at a point: `rays` shadow rays to each soft light, one to every other light, `rays` to surfaces.
  * Adds to *work. Thread-safe. */
-void irradiance_at(const struct lighting *lighting, const struct lit_point *point, double out[3],
-                   struct light_work *work);
+typedef void irradiance_way(const struct lighting *lighting, const struct lit_point *point,
+                            double out[3], struct light_work *work);
+
+/* The way to find it on a surface of that index, which does nothing for what is not there; chosen once for many points. */
+irradiance_way *irradiance_choose(const struct lighting *lighting, double index);
+
+/* The same for a single point. */
+static inline void irradiance_at(const struct lighting *lighting, const struct lit_point *point,
+                                 double out[3], struct light_work *work)
+{
+    irradiance_choose(lighting, point->index)(lighting, point, out, work);
+}
 
 /* The same for one soft light, where a quarter of the rays decides whether the point lies in the penumbra: elsewhere
  * the other rays are taken to agree with them. */

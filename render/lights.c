@@ -237,6 +237,7 @@ int light_make(struct light *light, const struct scene_light *settings, struct n
         break;
     case LIGHT_PROJECTOR:
         light->arrive = arrive_from_projector;
+        light->lookup = LOOKUP_SLIDE;
         if (slide_make(&settings->texture, &light->slide, error) != NACRE_OK) {
             return NACRE_FAILED;
         }
@@ -256,8 +257,10 @@ int light_make(struct light *light, const struct scene_light *settings, struct n
 int light_make_environment(struct light *light, const struct scene_environment *settings,
                            struct nacre_error *error)
 {
-    *light =
-        (struct light){.kind = LIGHT_ENVIRONMENT, .soft = true, .arrive = arrive_from_environment};
+    *light = (struct light){.kind = LIGHT_ENVIRONMENT,
+                            .lookup = LOOKUP_SKY,
+                            .soft = true,
+                            .arrive = arrive_from_environment};
     return environment_make(&light->environment, settings, error);
 }
 

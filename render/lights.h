@@ -15,9 +15,13 @@ struct light_arrival {
     double irradiance[3]; /* on the surface, cosine included */
 };
 
+/* What its light is looked up in. */
+enum light_lookup { LOOKUP_NOTHING, LOOKUP_SLIDE, LOOKUP_SKY, LIGHT_LOOKUPS };
+
 struct light {
-    int kind;  /* enum scene_light_kind */
-    bool soft; /* shines from more than a point: many samples make its light */
+    int kind;   /* enum scene_light_kind */
+    int lookup; /* enum light_lookup */
+    bool soft;  /* shines from more than a point: many samples make its light */
     struct light_arrival (*arrive)(const struct light *light, struct vec3 point, struct vec3 normal,
                                    const double u[2]);
     struct vec3 position;

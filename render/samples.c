@@ -58,8 +58,8 @@ static void triangle_point(uint64_t seed, size_t triangle, size_t k, double *b1,
 }
 
 static void fill_triangle(const struct lit_surface *surface, const struct lighting *lighting,
-                          size_t triangle, struct light_sample *list, size_t first, size_t end,
-                          struct light_work *work)
+                          irradiance_way *find, size_t triangle, struct light_sample *list,
+                          size_t first, size_t end, struct light_work *work)
 {
     struct vec3 cross = mesh_triangle_cross(surface->mesh, triangle);
     struct vec3 normal = vec3_unit(cross);
@@ -69,7 +69,7 @@ static void fill_triangle(const struct lit_surface *surface, const struct lighti
         triangle_point(lighting->seed, triangle, k - first, &b1, &b2);
         place(&list[k], surface, triangle, normal, b1, b2);
         const struct lit_point point = {vec3_from(list[k].position), normal, surface->index, k};
-        irradiance_at(lighting, &point, light, work);
+        find(lighting, &point, light, work);
         list[k].area_mm2 = (float)area;
         for (int c = 0; c < 3; c++) {
             list[k].flux[c] = (float)(light[c] * area);
@@ -96,6 +96,7 @@ int samples_spread(const struct lit_surface *surface, const struct lighting *lig
     int status = NACRE_FAILED;
     size_t triangles = surface->mesh->triangle_count;
     size_t *starts = sample_starts(surface->mesh, density);
+    irradiance_way *find = irradiance_choose(lighting, surface->index);
     *samples = (struct light_samples){0};
     if (!starts) {
         (void)nacre_fail_memory(error, "the light samples");
@@ -126,7 +127,8 @@ int samples_spread(const struct lit_surface *surface, const struct lighting *lig
             struct light_work own = {0};
 #pragma omp for schedule(dynamic, 64)
             for (size_t i = begin; i < end; i++) {
-                fill_triangle(surface, lighting, i, samples->list, starts[i], starts[i + 1], &own);
+                fill_triangle(surface, lighting, find, i, samples->list, starts[i], starts[i + 1],
+                              &own);
             }
 #pragma omp critical(samples_work)
             light_work_add(&work, &own);
@@ -198,8 +200,7 @@ static int shoot(const struct shot *shot, const struct light *light, uint64_t nu
     }
     struct photon photon = light_emit(light, shot->centre, shot->radius_mm, u);
     work->photons++;
-    work->slide_lookups += light->slide.rgb != NULL;
-    work->sky_lookups += light->kind == LIGHT_ENVIRONMENT;
+    work->lookups[light->lookup]++;
     if (photon.flux[0] + photon.flux[1] + photon.flux[2] <= 0 ||
         !world_trace(lighting->world, photon.origin, photon.direction, &hit)) {
         return 0;

@@ -171,6 +171,7 @@ static int make_lights(struct stage *stage, struct nacre_error *error)
         light->soft = light->soft && render_has(&stage->effects, RENDER_SOFT_LIGHT);
         if (!render_has(&stage->effects, RENDER_PROJECTED)) {
             picture_finish(&light->slide);
+            light->lookup = LOOKUP_NOTHING;
         }
     }
     if (render_has(&stage->effects, RENDER_ENVIRONMENT)) {

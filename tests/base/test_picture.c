@@ -249,6 +249,29 @@ static void png_round_trips_every_byte_value(void)
     picture_finish(&again);
 }
 
+static void png_keeps_attributes_as_text(void)
+{
+    const char *const attributes[] = {"without=highlights, shadows", "scene=\303\244.yaml", NULL};
+    static const char ascii[] = "tEXtnacre.without\0highlights, shadows";
+    static const char wide[] = "iTXtnacre.scene\0\0\0\0\0\303\244.yaml";
+    struct nacre_error error;
+    struct picture picture;
+    char bytes[4096];
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, picture_allocate(&picture, 2, 2, &error));
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, picture_write(name("a.png"), &picture, attributes, &error), error.text);
+    picture_finish(&picture);
+    FILE *file = fopen(name("a.png"), "rb");
+    TEST_ASSERT_NOT_NULL(file);
+    size_t size = fread(bytes, 1, sizeof bytes, file);
+    (void)fclose(file);
+    TEST_ASSERT_NOT_NULL(memmem(bytes, size, ascii, sizeof ascii - 1));
+    TEST_ASSERT_NOT_NULL(memmem(bytes, size, wide, sizeof wide - 1));
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, picture_read(name("a.png"), &picture, &error),
+                                  error.text);
+    picture_finish(&picture);
+}
+
 static void png_clips_and_shows_nan_as_magenta(void)
 {
     static const float linear[] = {-1, 2, 0.5F, NAN, 0, 0, INFINITY, -INFINITY, 0.2140411F};
@@ -438,6 +461,7 @@ int main(void)
     RUN_TEST(attributes_without_key_or_value_are_refused);
     RUN_TEST(exr_of_one_channel_is_grey_and_others_are_refused);
     RUN_TEST(png_round_trips_every_byte_value);
+    RUN_TEST(png_keeps_attributes_as_text);
     RUN_TEST(png_clips_and_shows_nan_as_magenta);
     RUN_TEST(png_of_every_kind_is_read);
     RUN_TEST(png_that_says_its_gamma_is_read_by_it);

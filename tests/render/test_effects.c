@@ -206,32 +206,33 @@ static void what_is_called_for_matters_and_nothing_else_works(void)
     /* The ground's shadow side: the ball's lower half gets less than half of the sky. */
     TEST_ASSERT_TRUE(changed_by(FULL, WITHOUT("shadows"), &with, &less) > 0.02);
     TEST_ASSERT_EQUAL_UINT64(0, less.shadow_rays);
-    TEST_ASSERT_EQUAL_UINT64(with.slide_lookups, less.slide_lookups);
-    TEST_ASSERT_EQUAL_UINT64(with.sky_lookups, less.sky_lookups);
+    TEST_ASSERT_EQUAL_UINT64(with.lookups[LOOKUP_SLIDE], less.lookups[LOOKUP_SLIDE]);
+    TEST_ASSERT_EQUAL_UINT64(with.lookups[LOOKUP_SKY], less.lookups[LOOKUP_SKY]);
     TEST_ASSERT_EQUAL_UINT64(with.bounce_rays, less.bounce_rays);
     /* Half of the checks are dark. */
     TEST_ASSERT_TRUE(changed_by(FULL, WITHOUT("projected picture"), &with, &less) > 0.1);
-    TEST_ASSERT_EQUAL_UINT64(0, less.slide_lookups);
-    TEST_ASSERT_TRUE(with.slide_lookups > 500);
-    TEST_ASSERT_EQUAL_UINT64(with.sky_lookups, less.sky_lookups);
+    TEST_ASSERT_EQUAL_UINT64(0, less.lookups[LOOKUP_SLIDE]);
+    TEST_ASSERT_TRUE(with.lookups[LOOKUP_SLIDE] > 500);
+    TEST_ASSERT_EQUAL_UINT64(with.lookups[LOOKUP_SKY], less.lookups[LOOKUP_SKY]);
     TEST_ASSERT_EQUAL_UINT64(with.bounce_rays, less.bounce_rays);
     /* 0.4 beside lights of 1 and 1. */
     TEST_ASSERT_TRUE(changed_by(FULL, WITHOUT("environment"), &with, &less) > 0.1);
-    TEST_ASSERT_EQUAL_UINT64(0, less.sky_lookups);
-    TEST_ASSERT_EQUAL_UINT64(with.slide_lookups, less.slide_lookups);
+    TEST_ASSERT_EQUAL_UINT64(0, less.lookups[LOOKUP_SKY]);
+    TEST_ASSERT_TRUE(with.lookups[LOOKUP_SKY] > 1000);
+    TEST_ASSERT_EQUAL_UINT64(with.lookups[LOOKUP_SLIDE], less.lookups[LOOKUP_SLIDE]);
     TEST_ASSERT_EQUAL_UINT64(with.bounce_rays, less.bounce_rays);
     /* A ground of 0.5 under 2 in half of the view of half of the ball. */
     TEST_ASSERT_TRUE(changed_by(FULL, WITHOUT("interreflection"), &with, &less) > 0.05);
     TEST_ASSERT_EQUAL_UINT64(0, less.bounce_rays);
-    TEST_ASSERT_EQUAL_UINT64(with.slide_lookups, less.slide_lookups);
-    TEST_ASSERT_EQUAL_UINT64(with.sky_lookups, less.sky_lookups);
+    TEST_ASSERT_EQUAL_UINT64(with.lookups[LOOKUP_SLIDE], less.lookups[LOOKUP_SLIDE]);
+    TEST_ASSERT_EQUAL_UINT64(with.lookups[LOOKUP_SKY], less.lookups[LOOKUP_SKY]);
     TEST_ASSERT_EQUAL_UINT64(with.shadow_rays, less.shadow_rays);
     /* 1 - 0.9 / 0.97 of even light, more where it grazes. */
     TEST_ASSERT_TRUE(changed_by(FULL, WITHOUT("Fresnel transmission"), &with, &less) > 0.02);
     TEST_ASSERT_EQUAL_UINT64(0, less.transmittances);
     TEST_ASSERT_TRUE(with.transmittances > 1000);
     TEST_ASSERT_EQUAL_UINT64(with.shadow_rays, less.shadow_rays);
-    TEST_ASSERT_EQUAL_UINT64(with.sky_lookups, less.sky_lookups);
+    TEST_ASSERT_EQUAL_UINT64(with.lookups[LOOKUP_SKY], less.lookups[LOOKUP_SKY]);
     /* Checks of 6 mm on kernels of 2 mm. */
     TEST_ASSERT_TRUE(changed_by(FULL, WITHOUT("subsurface scattering"), &with, &less) > 0.02);
     TEST_ASSERT_EQUAL_UINT64(0, report.objects[0].counts.gather.receivers);
@@ -239,7 +240,7 @@ static void what_is_called_for_matters_and_nothing_else_works(void)
     /* A light of 20 at 60: noise of 4 rays, and a penumbra. */
     TEST_ASSERT_TRUE(changed_by(FULL, WITHOUT("soft light"), &with, &less) > 0.002);
     TEST_ASSERT_TRUE(less.shadow_rays < with.shadow_rays);
-    TEST_ASSERT_EQUAL_UINT64(with.sky_lookups, less.sky_lookups);
+    TEST_ASSERT_EQUAL_UINT64(with.lookups[LOOKUP_SKY], less.lookups[LOOKUP_SKY]);
 }
 
 static const struct effect *find(const struct effect *effects, size_t count, const char *name)

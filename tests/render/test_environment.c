@@ -104,7 +104,7 @@ static void a_convex_body_in_a_furnace_is_lit_exactly(void)
         TEST_ASSERT_DOUBLE_WITHIN(1e-12, 3, out[2]);
     }
     TEST_ASSERT_EQUAL_UINT64(5 * mesh.triangle_count, work.shadow_rays);
-    TEST_ASSERT_EQUAL_UINT64(5 * mesh.triangle_count, work.sky_lookups);
+    TEST_ASSERT_EQUAL_UINT64(5 * mesh.triangle_count, work.lookups[LOOKUP_SKY]);
 }
 
 /* Beside a long wall twice as high as it is far. */

@@ -50,6 +50,12 @@ static void documented_example_is_read(void)
     TEST_ASSERT_EQUAL_DOUBLE(1.4, scene.objects[0].material.point_mm);
     TEST_ASSERT_NULL(scene.objects[1].material.file);
     TEST_ASSERT_EQUAL_DOUBLE(0.42, scene.objects[1].color[2]);
+    TEST_ASSERT_TRUE(scene.environment.line > 0);
+    TEST_ASSERT_EQUAL_DOUBLE(0.13, scene.environment.color[2]);
+    TEST_ASSERT_EQUAL_INT(1, scene.bounces);
+    TEST_ASSERT_EQUAL_DOUBLE(1.3, scene.objects[0].index);
+    TEST_ASSERT_EQUAL_DOUBLE(0.5, scene.objects[0].gloss.reflection);
+    TEST_ASSERT_EQUAL_DOUBLE(1, scene.objects[1].index);
 }
 
 static void shipped_scenes_are_read(void)
