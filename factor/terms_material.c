@@ -57,7 +57,7 @@ static double quantise_roots(float *plane, size_t count, int bits)
     return ldexp(largest, PLANE_EXPONENT);
 }
 
-/* Values above 0 to 2^bits - 1 evenly spaced logarithms; 0 and NaN stay. */
+/* Values of all channels above 0 to 2^bits - 1 evenly spaced logarithms; 0 and NaN stay. */
 static void quantise_logarithms(float *plane, size_t count, int bits)
 {
     double least = INFINITY, largest = 0, levels = ldexp(1, bits) - 2;
@@ -149,7 +149,6 @@ static int place_centre(const struct problem *p, int channel, struct nacre_mater
     int status = r->mask_needed ? fill_planes(r->width, r->height, work, p->ids, centre, 1,
                                               points_of(m), error)
                                 : NACRE_OK;
-    quantise_logarithms(centre, points_of(m), m->bits);
     return status;
 }
 
@@ -206,7 +205,6 @@ static int fill_set(const struct problem *p, const struct factors *factors, int 
     for (int c = set; c < set + channels && status == NACRE_OK; c++) {
         place_kernels(p, factors, c, scales, m);
         assemble_albedo(d->responses, c, m->albedo + (size_t)c * points_of(m));
-        quantise_logarithms(m->albedo + (size_t)c * points_of(m), points_of(m), m->bits);
         status = place_centre(p, c, m, work, error);
     }
     return status;
@@ -223,6 +221,9 @@ int terms_material_fill(const struct problem *p, const struct factors *factors,
         status = fill_set(p, factors, set, m, known, work, scales, error);
     }
     if (status == NACRE_OK) {
+        size_t count = (size_t)m->channels * points_of(m);
+        quantise_logarithms(m->albedo, count, m->bits);
+        quantise_logarithms(m->centre, count, m->bits);
         m->pixel = choose_pixel(m);
         if (d->grid.radius) {
             memcpy(m->radius, d->grid.radius, (size_t)d->grid.count * sizeof *m->radius);

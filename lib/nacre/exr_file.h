@@ -46,9 +46,8 @@ struct exr_file {
     struct exr_part *parts;
 };
 
-/* Fast ZIP is for pictures that are mostly noise: a sixth larger in a third of the time. PIZ is for planes of few
- * different values, which it numbers before it compresses them. */
-enum exr_compression { EXR_UNCOMPRESSED, EXR_ZIP, EXR_ZIP_FAST, EXR_PIZ };
+/* Fast ZIP is for pictures that are mostly noise: a sixth larger in a third of the time. */
+enum exr_compression { EXR_UNCOMPRESSED, EXR_ZIP, EXR_ZIP_FAST };
 
 /* Read a whole file. `file` is filled on success and left empty on failure. Scanline and tiled parts are read; deep
  * and subsampled ones are refused. Reading checks sizes before allocating. */

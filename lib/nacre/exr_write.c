@@ -27,18 +27,6 @@ static exr_pixel_type_t stored_type(enum nacre_pixel pixel)
     }
 }
 
-static exr_compression_t stored_compression(enum exr_compression compression)
-{
-    switch (compression) {
-    case EXR_UNCOMPRESSED:
-        return EXR_COMPRESSION_NONE;
-    case EXR_PIZ:
-        return EXR_COMPRESSION_PIZ;
-    default:
-        return EXR_COMPRESSION_ZIP;
-    }
-}
-
 static exr_result_t write_attribute(exr_context_t context, int index,
                                     const struct exr_attribute *attribute)
 {
@@ -70,9 +58,9 @@ static exr_result_t declare_part(exr_context_t context, const struct exr_part *p
     exr_result_t result =
         exr_add_part(context, part->name[0] ? part->name : NULL, EXR_STORAGE_SCANLINE, &index);
     if (result == EXR_ERR_SUCCESS) {
-        result = exr_initialize_required_attr(context, index, display, &data, 1, &centre, 1,
-                                              EXR_LINEORDER_INCREASING_Y,
-                                              stored_compression(compression));
+        result = exr_initialize_required_attr(
+            context, index, display, &data, 1, &centre, 1, EXR_LINEORDER_INCREASING_Y,
+            compression == EXR_UNCOMPRESSED ? EXR_COMPRESSION_NONE : EXR_COMPRESSION_ZIP);
     }
     if (result == EXR_ERR_SUCCESS && compression == EXR_ZIP_FAST) {
         result = exr_set_zip_compression_level(context, index, 1);

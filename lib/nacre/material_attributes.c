@@ -6,11 +6,13 @@
 #include <stdlib.h>
 #include <string.h>
 
-int material_add_attributes(struct exr_part *part, const struct nacre_material *material)
+int material_add_attributes(struct exr_part *part, bool numbered,
+                            const struct nacre_material *material)
 {
     static const char *const layouts[] = {"single", "pair", "term"};
     int status = exr_part_add_string(
-        part, "nacre.format", material->radii > 0 || material->gain ? "material 2" : "material 1");
+        part, "nacre.format",
+        numbered || material->radii > 0 || material->gain ? "material 2" : "material 1");
     status |= exr_part_add_float(part, "nacre.pitch", (float)material->pitch_mm);
     status |= exr_part_add_int(part, "nacre.window", material->window);
     status |= exr_part_add_int(part, "nacre.terms", material->terms);

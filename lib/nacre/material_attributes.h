@@ -6,7 +6,8 @@
 #include "nacre/material.h"
 
 /* Add them to the first part. Fails only where memory runs out, without a text. */
-int material_add_attributes(struct exr_part *part, const struct nacre_material *material);
+int material_add_attributes(struct exr_part *part, bool numbered,
+                            const struct nacre_material *material);
 
 /* Read them from the first part into *material, whose planes are untouched; sizes are not yet checked. */
 int material_read_attributes(const struct exr_part *first, struct nacre_material *material,

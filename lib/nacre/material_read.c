@@ -2,6 +2,7 @@
 #include "channel.h"
 #include "material_attributes.h"
 #include "material_check.h"
+#include "material_levels.h"
 #include "nacre/exr_file.h"
 
 #include <ctype.h>
@@ -384,6 +385,12 @@ int nacre_material_read(const char *path, struct nacre_material *material,
     struct exr_file file = {0};
     *material = (struct nacre_material){0};
     int status = exr_file_read(path, &file, error);
+    for (size_t i = 0; i < file.part_count && status == NACRE_OK; i++) {
+        status = levels_restore(&file.parts[i], error);
+        if (status != NACRE_OK) {
+            status = nacre_fail_within(error, "%s", path);
+        }
+    }
     if (status == NACRE_OK) {
         status = read_material(&file, material, error);
         if (status != NACRE_OK) {

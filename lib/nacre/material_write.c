@@ -1,7 +1,9 @@
 /* Writing material.exr. */
 #include "channel.h"
+#include "half_float.h"
 #include "material_attributes.h"
 #include "material_check.h"
+#include "material_levels.h"
 #include "nacre/exr_file.h"
 
 #include <math.h>
@@ -126,6 +128,7 @@ static int add_gained(struct exr_file *file, const struct nacre_material *materi
         planes[i] = (float)sqrt((double)material->f[i] * (double)material->h[i]);
     }
     if (status == NACRE_OK) {
+        half_round(planes, count); /* as they were before the gain */
         status = add_factor(file, "F", material, planes);
     }
     free(planes);
@@ -133,6 +136,23 @@ static int add_gained(struct exr_file *file, const struct nacre_material *materi
                                 ? exr_file_add_part(file, "gain", material->width, material->height)
                                 : NULL;
     return part ? add_plane(part, "Y", NACRE_HALF, material->gain) : NACRE_FAILED;
+}
+
+/* Quantised planes become numbers of their values, where each part has as few as it should. */
+static int number_planes(struct exr_file *file, const struct nacre_material *material,
+                         bool *numbered, struct nacre_error *error)
+{
+    static const char *const names[] = {"albedo", "F", "H", "centre"};
+    int status = NACRE_OK;
+    for (size_t i = 0; i < sizeof names / sizeof *names && status == NACRE_OK; i++) {
+        struct exr_part *part = exr_file_find_part(file, names[i]);
+        bool done = false;
+        if (part && material->bits < 16) {
+            status = levels_number(part, (size_t)1 << material->bits, &done, error);
+        }
+        *numbered = *numbered || done;
+    }
+    return status;
 }
 
 static int check(const char *path, const struct nacre_material *material, struct nacre_error *error)
@@ -152,15 +172,13 @@ int nacre_material_write(const char *path, const struct nacre_material *material
                          struct nacre_error *error)
 {
     struct exr_file file = {0};
+    bool numbered = false;
     int status = check(path, material, error);
     if (status != NACRE_OK) {
         return status;
     }
     status = add_colours(&file, "albedo", material,
                          material->bits > 0 ? material->pixel : NACRE_FLOAT, material->albedo);
-    if (status == NACRE_OK) {
-        status = material_add_attributes(&file.parts[0], material);
-    }
     if (status == NACRE_OK) {
         status = material->gain ? add_gained(&file, material)
                                 : add_factor(&file, "F", material, material->f);
@@ -177,10 +195,16 @@ int nacre_material_write(const char *path, const struct nacre_material *material
     if (status == NACRE_OK && material->centre) {
         status = add_colours(&file, "centre", material, material->pixel, material->centre);
     }
+    if (status == NACRE_OK && material->bits > 0) {
+        status = number_planes(&file, material, &numbered, error);
+    }
+    if (status == NACRE_OK) {
+        status = material_add_attributes(&file.parts[0], numbered, material);
+    }
     if (status != NACRE_OK) {
         status = nacre_fail_memory(error, path);
     } else {
-        status = exr_file_write(path, &file, material->bits > 0 ? EXR_PIZ : EXR_ZIP, error);
+        status = exr_file_write(path, &file, EXR_ZIP, error);
     }
     exr_file_finish(&file);
     return status;

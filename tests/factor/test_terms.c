@@ -5,7 +5,7 @@
 #include "factor/layout.h"
 #include "factor/terms.h"
 
-#include "nacre/evaluate.h"
+#include "nacre/exr_file.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -286,6 +286,59 @@ static void files_hold_planes_of_few_values(void)
         nacre_material_finish(&back);
     }
     (void)unlink(path);
+    sample_finish(&sample);
+}
+
+/* Change one thing in a good file, and expect the reading to be refused with a word. */
+static void expect_refused(const char *path, int what, const char *word)
+{
+    struct exr_file file;
+    struct nacre_error error = {0};
+    struct nacre_material m;
+    char changed[80];
+    bench_succeed(exr_file_read(path, &file, &error), &error);
+    (void)snprintf(changed, sizeof changed, "%s/changed.exr", folder);
+    for (size_t i = 0; i < file.parts[0].attribute_count; i++) {
+        struct exr_attribute *a = &file.parts[0].attributes[i];
+        if (what == 0 && strcmp(a->name, "nacre.radii") == 0) {
+            a->floats[2] = a->floats[1];
+        }
+        if (what == 1 && strcmp(a->name, "nacre.radii") == 0) {
+            a->count--;
+        }
+    }
+    if (what == 2) {
+        exr_file_find_part(&file, "F")->planes[0].values[5] = 1000 * 0x1p-24F;
+    }
+    if (what == 3) {
+        exr_file_find_part(&file, "gain")->planes[0].values[5] = 0;
+    }
+    bench_succeed(exr_file_write(changed, &file, EXR_ZIP, &error), &error);
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, nacre_material_read(changed, &m, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, word), error.text);
+    exr_file_finish(&file);
+    (void)unlink(changed);
+}
+
+static void damaged_files_are_refused(void)
+{
+    struct recipe recipe = {.noise = true, .slope = 0.4, .scale = 1};
+    struct sample sample = make(&recipe, 20, 16, 1, 7);
+    struct factor_options options = options_of(2, 3);
+    struct factor_summary summary;
+    struct nacre_error error = {0};
+    char path[64];
+    (void)snprintf(path, sizeof path, "%s/m.exr", folder);
+    options.reciprocity = TERMS_GAINED;
+    struct nacre_material m = fit(&sample, &options, &summary);
+    bench_succeed(nacre_material_write(path, &m, &error), &error);
+    expect_refused(path, 0, "nacre.radii");
+    expect_refused(path, 1, "part kernel");
+    expect_refused(path, 2, "nacre.values");
+    expect_refused(path, 3, "part gain");
+    (void)unlink(path);
+    factor_summary_finish(&summary);
+    nacre_material_finish(&m);
     sample_finish(&sample);
 }
 
@@ -572,6 +625,7 @@ int main(void)
     RUN_TEST(what_is_not_reciprocal_gets_planes_for_both_ends);
     RUN_TEST(holes_are_filled);
     RUN_TEST(files_hold_planes_of_few_values);
+    RUN_TEST(damaged_files_are_refused);
     RUN_TEST(what_does_not_belong_together_is_refused);
     RUN_TEST(the_objective_is_that_of_the_planes_and_kernels);
     RUN_TEST(a_step_is_that_of_double_precision);
