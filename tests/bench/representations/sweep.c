@@ -172,9 +172,10 @@ static bool print_goal(const struct sample *s, const struct results *results, en
 
 static const char colours[REFERENCE][8] = {"#999999", "#c43c4e", "#c9a227", "#2a8a57", "#1a5e8c"};
 
-/* The plot as a file of its own, with a legend. */
+/* The plot as a file of its own, with a legend below it. */
 static void save(const char *path, const struct plot *plot)
 {
+    enum { LEGEND = 42 };
     char *text = NULL;
     size_t size = 0;
     FILE *memory = open_memstream(&text, &size), *file = fopen(path, "w");
@@ -182,25 +183,19 @@ static void save(const char *path, const struct plot *plot)
         fail("cannot write the plot");
     }
     plot_write(memory, plot);
-    (void)fclose(memory);
-    char *end = strstr(text, "</svg>");
-    if (!end) {
+    if (fclose(memory) != 0 || strncmp(text, "<svg", 4) != 0) {
         fail("cannot write the plot");
     }
-    *end = '\0';
-    char *inner = strchr(text, '>');
-    if (!inner) {
-        fail("cannot write the plot");
-    }
-    *inner = '\0';
     (void)fprintf(file,
                   "<svg xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%d\" "
-                  "font-family=\"sans-serif\" font-size=\"11\"%s>\n"
-                  "<rect width=\"100%%\" height=\"100%%\" fill=\"#fff\"/>%s",
-                  plot->width, plot->height, text + strlen("<svg"), inner + 1);
+                  "font-family=\"sans-serif\" font-size=\"11\">\n"
+                  "<rect width=\"100%%\" height=\"100%%\" fill=\"#fff\"/>\n"
+                  "<svg width=\"%d\" height=\"%d\"%s",
+                  plot->width, plot->height + LEGEND, plot->width, plot->height,
+                  text + strlen("<svg"));
     for (int kind = 0; kind < REFERENCE; kind++) {
-        (void)fprintf(file, "<text x=\"%d\" y=\"%d\" fill=\"%s\">%s</text>\n", 60,
-                      plot->height - 50 - 14 * (TERMS - kind), colours[kind], kind_names[kind]);
+        (void)fprintf(file, "<text x=\"%d\" y=\"%d\" fill=\"%s\">%s</text>\n", 52 + kind / 2 * 145,
+                      plot->height + 14 + kind % 2 * 15, colours[kind], kind_names[kind]);
     }
     (void)fputs("</svg>\n", file);
     free(text);
