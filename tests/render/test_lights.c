@@ -271,6 +271,36 @@ static void round_mappings_are_true_on_the_equator(void)
     }
 }
 
+/* Looking along an axis shows the material as it is, not mirrored, and one surface point for each point_mm. */
+static void planar_mapping_is_true_to_scale_and_not_mirrored(void)
+{
+    static const struct vec3 towards_viewer[3] = {{1, 0, 0}, {0, -1, 0}, {0, 0, 1}};
+    const double uv[2] = {0}, sides[3] = {4, 5, 6}, none[3] = {0};
+    const struct vec3 zero = {0, 0, 0}, p = {1, 2, 3};
+    struct motion still = motion_make(none, zero);
+    for (int axis = 0; axis < 3; axis++) {
+        const struct scene_material how = {
+            .mapping = MAPPING_PLANAR, .axis = axis, .point_mm = 0.25, .offset = {7, 9}};
+        struct mapped here[MAPPING_CHARTS_MAXIMUM], there[MAPPING_CHARTS_MAXIMUM];
+        TEST_ASSERT_EQUAL_INT(NACRE_OK, mesh_make_box(&mesh, sides, &error));
+        TEST_ASSERT_EQUAL_INT(NACRE_OK,
+                              mapping_make(&mapping, &how, 20, 20, 1, &mesh, &still, &error));
+        TEST_ASSERT_EQUAL_INT(
+            1, mapping_charts(&mapping, p, towards_viewer[axis], uv, zero, zero, here));
+        struct vec3 out = vec3_cross(here[0].along_x, vec3_scale(here[0].along_y, -1));
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 1, vec3_dot(out, towards_viewer[axis]));
+        (void)mapping_charts(&mapping, zero, towards_viewer[axis], uv, zero, zero, there);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 7, there[0].x);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 9, there[0].y);
+        (void)mapping_charts(&mapping, vec3_along(p, 0.5, here[0].along_x), towards_viewer[axis],
+                             uv, zero, zero, there);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 2, there[0].x - here[0].x);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0, there[0].y - here[0].y);
+        mapping_finish(&mapping);
+        mesh_finish(&mesh);
+    }
+}
+
 static void box_mapping_blends_between_faces(void)
 {
     struct mapped charts[3];
@@ -323,6 +353,7 @@ int main(void)
     RUN_TEST(area_lights_cast_penumbras);
     RUN_TEST(wrapping_mirrors_or_repeats);
     RUN_TEST(round_mappings_are_true_on_the_equator);
+    RUN_TEST(planar_mapping_is_true_to_scale_and_not_mirrored);
     RUN_TEST(box_mapping_blends_between_faces);
     RUN_TEST(stretch_is_told);
     RUN_TEST(texture_coordinates_that_are_missing_are_refused);
