@@ -23,7 +23,7 @@ import kernel
 
 CONSOLE_LINES = 30
 # Passed on to the guest.
-PREFIXES = ('NACRE_', 'ASAN_', 'UBSAN_', 'LSAN_')
+PREFIXES = ('NACRE_', 'ASAN_', 'UBSAN_', 'LSAN_', 'OMP_')
 KERNEL_LINE = ('console=ttyS0 loglevel=4 panic=-1 mitigations=off nokaslr no_timer_check random.trust_cpu=on '
                'tsc=reliable rcupdate.rcu_expedited=1')
 
@@ -71,7 +71,8 @@ def qemu(folder, work, display, memory, disk):
     program = shutil.which('qemu-system-x86_64')
     if not program:
         raise kernel.Missing('needs the package qemu-system-x86')
-    return [program, '-machine', 'q35', '-accel', 'tcg,thread=multi', '-cpu', 'max', '-smp', '2', '-m', str(memory),
+    # One processor: two that are emulated spend much of their time waiting for each other.
+    return [program, '-machine', 'q35', '-accel', 'tcg,thread=multi', '-cpu', 'max', '-smp', '1', '-m', str(memory),
             '-nodefaults', '-no-reboot', '-no-user-config', '-display', 'none',
             *([] if display == 'none' else ['-device', display]),
             '-kernel', f'{folder}/vmlinux', '-initrd', f'{work}/initramfs',
