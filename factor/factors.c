@@ -27,7 +27,8 @@ int factors_allocate(struct factors *factors, const struct problem *problem,
         factors->f[c] = c < sets ? calloc(count, sizeof *factors->f[c]) : NULL;
         factors->h[c] = c < sets && two_sided ? calloc(count, sizeof *factors->h[c]) : NULL;
         factors->kernels[c] =
-            data ? calloc((size_t)factors->terms * (size_t)factors->numbers, sizeof(float)) : NULL;
+            data ? calloc((size_t)factors->terms * (size_t)factors->numbers + 1, sizeof(float))
+                 : NULL;
         if ((c < sets && (!factors->f[c] || (two_sided && !factors->h[c]))) ||
             (data && !factors->kernels[c])) {
             return nacre_fail_memory(error, "the factors");

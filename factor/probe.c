@@ -102,6 +102,9 @@ static void add_shaped(const struct problem *problem, const struct factors *fact
     int set = factors->f[channel] ? channel : 0;
     const float *own = factors->f[set], *other = factors->h[set] ? factors->h[set] : own;
     memset(line, 0, (size_t)count * sizeof *line);
+    if (!own) {
+        return; /* nothing was read yet */
+    }
     for (size_t t = 0; t < (size_t)factors->terms; t++) {
         const float *numbers = factors->kernels[channel] + t * (size_t)g->count;
         for (int u = 0; u < count; u++) {

@@ -95,7 +95,7 @@ static int read_factors(struct method *method, int channel, float *f, float *h,
     int status = set ? terms_view(m, set, error) : NACRE_OK;
     bool next = set && terms_is_next_better(set);
     float *to[] = {f, h};
-    for (int side = 0; set && side < m->sides && status == NACRE_OK; side++) {
+    for (int side = 0; set && side < 2 && side < m->sides && status == NACRE_OK; side++) {
         const struct terms_track *track = &set->tracks[side];
         status = layout_read_factor(&m->layouts[side], next ? track->next : track->good, to[side],
                                     error);
@@ -169,7 +169,7 @@ static int write_factors(struct method *method, int channel, const float *f, con
     struct terms_set *set = set_of(m, channel);
     const float *from[] = {f, h};
     int status = NACRE_OK;
-    for (int side = 0; set && side < m->sides && status == NACRE_OK; side++) {
+    for (int side = 0; set && side < 2 && side < m->sides && status == NACRE_OK; side++) {
         status = write_planes(m, side, set->tracks[side].next, from[side], error);
     }
     return set && status == NACRE_OK ? begin_set(m, set, error) : status;
@@ -410,7 +410,7 @@ static int prepare(struct terms *m, struct nacre_error *error)
     const struct layout *l = &m->layouts[0];
     size_t terms = (size_t)l->sizes.terms, padded = (terms + 1) / 2 * 2;
     size_t items = (size_t)l->sizes.blocks * (size_t)l->sizes.height;
-    size_t lanes = (size_t)l->problem->responses->lanes;
+    size_t lanes = (size_t)m->data->copies[0].lanes;
     size_t area = (size_t)m->data->grid.window * (size_t)m->data->grid.window;
     m->equation_size = terms * (terms + 1) / 2 + terms;
     m->partials = malloc(2 * items * sizeof *m->partials);

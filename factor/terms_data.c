@@ -26,7 +26,8 @@ static size_t area_of(const struct responses *r)
 
 static void list_radii(struct terms_grid *g)
 {
-    double farthest = hypot(g->window / 2, g->window / 2);
+    int half = g->window / 2;
+    double farthest = hypot(half, half);
     g->count = 0;
     for (int i = 0; i < NEAR_SQUARES; i++) {
         g->radius[g->count++] = sqrtf((float)near_squares[i]);
@@ -39,7 +40,8 @@ static void list_radii(struct terms_grid *g)
 static void place_entry(struct terms_grid *g, int i)
 {
     int half = g->window / 2, k = 0;
-    double distance = hypot(i % g->window - half, i / g->window - half);
+    int dx = i % g->window - half, dy = i / g->window - half;
+    double distance = hypot(dx, dy);
     if (!g->radius) {
         g->first[i] = i;
         g->share[i] = 0;
@@ -129,8 +131,12 @@ static int scale_entries(struct terms_data *d, int exponent, double epsilon,
     bool by_kernel = d->options.weight == TERMS_WEIGHT_KERNEL;
     uint32_t *ids = calloc(points_of(r), sizeof *ids);
     float *kernels = malloc((size_t)r->channels * area * sizeof *kernels);
-    int status = ids && kernels ? NACRE_OK : nacre_fail_memory(error, "the weights");
-    if (status == NACRE_OK && by_kernel) {
+    int status = NACRE_OK;
+    if (!ids || !kernels) {
+        status = nacre_fail_memory(error, "the weights");
+        goto out;
+    }
+    if (by_kernel) {
         status = kernels_compute(r, ids, 1, KERNELS_AVERAGE, epsilon, kernels, error);
         d->exponent = r->exponent[0];
     }
@@ -149,6 +155,7 @@ static int scale_entries(struct terms_data *d, int exponent, double epsilon,
                                   : ldexp(1, 2 * r->exponent[c] - exponent));
         }
     }
+out:
     free(ids);
     free(kernels);
     return status;
@@ -283,12 +290,12 @@ int terms_data_begin(struct terms_data *d, const struct responses *r,
     double *squares = malloc(points_of(r) * sizeof *squares);
     int exponent = 0;
     d->weights = malloc(points_of(r) * sizeof *d->weights);
-    int status =
-        window && squares && d->weights ? NACRE_OK : nacre_fail_memory(error, "the weights");
-    if (status == NACRE_OK) {
-        status = grid_begin(&d->grid, r->window, options->full, error);
+    int status = grid_begin(&d->grid, r->window, options->full, error);
+    if (!window || !squares || !d->weights) {
+        status = nacre_fail_memory(error, "the weights");
+        goto out;
     }
-    for (size_t i = 0; i < points_of(r) && status == NACRE_OK; i++) {
+    for (size_t i = 0; i < points_of(r); i++) {
         d->weights[i] = 1;
     }
     if (status == NACRE_OK && options->weight == TERMS_WEIGHT_RESPONSE) {
@@ -309,6 +316,7 @@ int terms_data_begin(struct terms_data *d, const struct responses *r,
     if (status == NACRE_OK) {
         adopt_exponents(d);
     }
+out:
     free(window);
     free(squares);
     return status;

@@ -60,7 +60,7 @@ static void add_pair(const struct terms_data *d, int channel, int x, int y, int 
     if (!read_pair(d, channel, x, y, dx, dy, &difference, &sum)) {
         return;
     }
-    size_t here = (size_t)(y * r->width + x), there = (size_t)((y + dy) * r->width + x + dx);
+    int here = y * r->width + x, there = (y + dy) * r->width + x + dx;
     double weight = ((double)d->weights[here] + (double)d->weights[there]) *
                     (double)d->scales[channel][(size_t)(r->window / 2 + dy) * (size_t)r->window +
                                                (size_t)(r->window / 2 + dx)];

@@ -216,7 +216,11 @@ int terms_material_fill(const struct problem *p, const struct factors *factors,
     const struct terms_data *d = p->data;
     uint8_t *known = malloc(points_of(m)), *work = malloc(points_of(m));
     double *scales = malloc((size_t)p->terms * sizeof *scales);
-    int status = known && work && scales ? NACRE_OK : nacre_fail_memory(error, "the planes");
+    int status = NACRE_OK;
+    if (!known || !work || !scales) {
+        status = nacre_fail_memory(error, "the planes");
+        goto out;
+    }
     for (int set = 0; set < terms_data_sets(d) && status == NACRE_OK; set++) {
         status = fill_set(p, factors, set, m, known, work, scales, error);
     }
@@ -235,6 +239,7 @@ int terms_material_fill(const struct problem *p, const struct factors *factors,
             nacre_material_round(m);
         }
     }
+out:
     free(known);
     free(work);
     free(scales);

@@ -58,8 +58,8 @@ static int visit_channel(struct terms *m, const struct terms_set *set, int chann
 {
     const struct layout *l = &m->layouts[side];
     const cl_int more = channel > set->first;
-    const cl_mem near = side == 1 ? m->nothing : m->weights;
-    const cl_mem far = m->sides == 2 && side == 0 ? m->nothing : m->weights;
+    cl_mem near = side == 1 ? m->nothing : m->weights;
+    cl_mem far = m->sides == 2 && side == 0 ? m->nothing : m->weights;
     const void *values[] = {&l->channels[channel].responses,
                             &l->channels[channel].mask,
                             &m->channels[channel].kernels[side],
@@ -165,8 +165,8 @@ static int find_kernels(struct terms *m, struct terms_set *set, struct nacre_err
 {
     const struct layout *l = &m->layouts[0];
     const struct terms_grid *g = &m->data->grid;
-    const cl_mem own = set->tracks[0].next, other = set->tracks[m->sides - 1].next;
-    const cl_mem far = m->sides == 2 ? m->nothing : m->weights;
+    cl_mem own = set->tracks[0].next, other = set->tracks[m->sides - 1].next;
+    cl_mem far = m->sides == 2 ? m->nothing : m->weights;
     const cl_int top = m->sides == 2 ? 0 : g->window / 2;
     size_t area = (size_t)g->window * (size_t)g->window;
     size_t across = (size_t)((g->window + TERMS_COLUMNS - 1) / TERMS_COLUMNS);
@@ -264,7 +264,7 @@ static void accept(struct terms *m, struct terms_set *set, double objective)
 /* The step that waits raises the objective: make it again from the model without extrapolation, then shorter. */
 static int refuse(struct terms *m, struct terms_set *set, struct nacre_error *error)
 {
-    const cl_mem own = set->tracks[0].good, other = set->tracks[m->sides - 1].good;
+    cl_mem own = set->tracks[0].good, other = set->tracks[m->sides - 1].good;
     int status = NACRE_OK;
     set->refused++;
     if (set->refused == 1 && set->share > 0) {

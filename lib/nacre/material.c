@@ -102,8 +102,8 @@ void nacre_material_spread(struct nacre_material *material)
     for (size_t i = 0; material->radii > 0 && i < count; i++) {
         const float *profile = material->profiles + i * (size_t)material->radii;
         for (int j = 0; j < window * window; j++) {
-            double distance = hypot(j % window - half, j / window - half);
-            material->kernels[i * area + (size_t)j] = profile_at(material, profile, distance);
+            int dx = j % window - half, dy = j / window - half;
+            material->kernels[i * area + (size_t)j] = profile_at(material, profile, hypot(dx, dy));
         }
     }
 }

@@ -375,10 +375,11 @@ struct stage {
 
 static struct stage open_stage(const struct sample *sample, int terms)
 {
-    struct stage s = {.points = (size_t)(sample->width * sample->height), .terms = (size_t)terms};
+    struct stage s = {.points = (size_t)sample->width * (size_t)sample->height,
+                      .terms = (size_t)terms};
     s.responses = sample_load(sample, layout_lanes(&opencl));
     s.kinds = calloc(s.points, sizeof *s.kinds);
-    s.kernels = calloc((size_t)(sample->window * sample->window), sizeof *s.kernels);
+    s.kernels = calloc((size_t)sample->window * (size_t)sample->window, sizeof *s.kernels);
     for (size_t i = 0; i < s.points; i++) {
         s.kinds[i] = (uint32_t)(i % s.terms);
     }
@@ -399,8 +400,8 @@ static void begin_stage(struct stage *s)
                                   .data = &s->data,
                                   .kinds = s->kinds};
     bench_succeed(terms_new(&opencl, &s->problem, &s->method, &error), &error);
-    s->planes = malloc(s->terms * s->points * sizeof *s->planes);
-    s->numbers = malloc(s->terms * (size_t)s->data.grid.count * sizeof *s->numbers);
+    s->planes = malloc((s->terms * s->points + 1) * sizeof *s->planes);
+    s->numbers = malloc((s->terms * (size_t)s->data.grid.count + 1) * sizeof *s->numbers);
 }
 
 static void read_stage(struct stage *s)
@@ -453,7 +454,7 @@ static double objective_by_definition(const struct stage *s, const struct sample
             double model = 0;
             norm += inside ? (double)response[i] * (double)response[i] : 0;
             for (size_t t = 0; inside && t < s->terms; t++) {
-                size_t there = (size_t)((y + dy) * sample->width + x + dx);
+                size_t there = (size_t)(y + dy) * (size_t)sample->width + (size_t)(x + dx);
                 model += (double)s->planes[t * s->points + (size_t)point] *
                          (double)s->planes[t * s->points + there] * kernel_of(s, t, dx, dy);
             }
@@ -492,7 +493,7 @@ static void the_objective_is_that_of_the_planes_and_kernels(void)
 static void equations_of(const struct stage *s, int x, int y, double *gradient, double *matrix)
 {
     const struct responses *r = &s->data.copies[0];
-    size_t m = s->terms, here = (size_t)(y * r->width + x);
+    size_t m = s->terms, here = (size_t)y * (size_t)r->width + (size_t)x;
     int half = r->window / 2;
     memset(gradient, 0, m * sizeof *gradient);
     memset(matrix, 0, m * m * sizeof *matrix);
@@ -502,7 +503,7 @@ static void equations_of(const struct stage *s, int x, int y, double *gradient, 
         if (xo < 0 || xo >= r->width || yo < 0 || yo >= r->height || (u == half && v == half)) {
             continue;
         }
-        size_t there = (size_t)(yo * r->width + xo);
+        size_t there = (size_t)yo * (size_t)r->width + (size_t)xo;
         double weight = (double)s->data.scales[0][i] *
                         ((double)s->data.weights[here] + (double)s->data.weights[there]);
         /* The method's copy is scaled, and its scales with it. */
