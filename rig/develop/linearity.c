@@ -156,9 +156,9 @@ static int common_spread(const struct linearity *linearity, double *median,
 }
 
 /* The value that a share of the measured pixels of the same colour around `pixel`, itself left out, stay below; 0 where
- * there is none. */
+ * there is none. Beyond the frame lies `beyond`; NAN: nothing. */
 static double neighbour_level(const float *values, const struct pixel_map *map, size_t pixel,
-                              double share)
+                              double share, float beyond)
 {
     int width = map->width;
     int height = map->height;
@@ -169,11 +169,12 @@ static double neighbour_level(const float *values, const struct pixel_map *map, 
     size_t count = 0;
     for (int ny = y - REACH; ny <= y + REACH; ny++) {
         for (int nx = x - REACH; nx <= x + REACH; nx++) {
-            if (nx < 0 || nx >= width || ny < 0 || ny >= height || (nx == x && ny == y) ||
+            if ((nx == x && ny == y) ||
                 bayer_channel(bayer, nx, ny) != bayer_channel(bayer, x, y)) {
                 continue;
             }
-            float value = values[(size_t)ny * (size_t)width + (size_t)nx];
+            bool inside = nx >= 0 && nx < width && ny >= 0 && ny < height;
+            float value = inside ? values[(size_t)ny * (size_t)width + (size_t)nx] : beyond;
             if (!isnan(value)) {
                 around[count++] = value;
             }
@@ -291,7 +292,7 @@ static bool is_hot(const struct darkness *darkness, const struct pixel_map *map,
     if (!(slope > limit)) {
         return false;
     }
-    double light = fmax(neighbour_level(darkness->slope, map, pixel, 0.75), 0);
+    double light = fmax(neighbour_level(darkness->slope, map, pixel, 0.75, NAN), 0);
     light = foretold > light ? foretold : light; /* white may be NaN */
     double excess = slope - light;
     return excess > limit + light && excess > certain * (double)darkness->slope_error[pixel];
@@ -302,7 +303,7 @@ static bool is_displaced(const struct darkness *darkness, const struct pixel_map
 {
     double limit = deviation + certain * (double)darkness->offset_error[pixel];
     double usual = fabs((double)darkness->offset[pixel]) > limit / 2
-                       ? neighbour_level(darkness->offset, map, pixel, 0.5)
+                       ? neighbour_level(darkness->offset, map, pixel, 0.5, NAN)
                        : 0;
     return fabs((double)darkness->offset[pixel] - usual) > limit;
 }
@@ -322,13 +323,14 @@ static bool is_bent(const struct linearity *white, double common, struct pixel_m
 }
 
 /* Answers far less than its neighbours, where these see the lit area: their lower quartile is dark as soon as its border
- * is near, where a pixel may be dark by right. */
+ * is near, where a pixel may be dark by right. That border may as well run along the frame's: what lies beyond counts as
+ * dark, so that nothing is said of the outermost two pixels. */
 static bool is_dead(const float *white, const struct pixel_map *map, size_t pixel,
                     const double levels[3])
 {
     int channel = bayer_channel(map->bayer, (int)(pixel % (size_t)map->width),
                                 (int)(pixel / (size_t)map->width));
-    double usual = neighbour_level(white, map, pixel, 0.25);
+    double usual = neighbour_level(white, map, pixel, 0.25, 0);
     return usual > lit_share * levels[channel] && !((double)white[pixel] >= dead_share * usual);
 }
 

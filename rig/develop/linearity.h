@@ -53,7 +53,8 @@ void linearity_line(const struct linearity *linearity, size_t pixel, double *slo
                     double *chi_squared, int *freedom);
 
 /* Find each pixel's class; slopes and offsets are noted in the map. Of size and Bayer order of the map:
- * - dead: below a quarter of the lower quartile of its neighbours of the same colour, in the lit area;
+ * - dead: below a quarter of the lower quartile of its neighbours of the same colour, in the lit area; not in the two
+ *   outermost rows and columns of the frame;
  * - hot: what it counts in the dark beyond the light that its neighbours and its white foretell makes its noise in the
  *   longest exposure sqrt(2) times as large as a good pixel's, or more, and 5 standard errors say that it is there;
  * - not linear: off its line by more than 1 in a million linear pixels would be, once what all share (a lamp that

@@ -198,6 +198,18 @@ static void dark_surround_is_not_dead(void)
     TEST_ASSERT_EQUAL_UINT(0, report.dead);
 }
 
+/* A lit area that is turned a little ends on the frame's side, where few neighbours are left to show it. */
+static void lit_area_that_ends_at_the_side_of_the_frame_is_not_dead(void)
+{
+    for (int i = 0; i < PIXELS; i++) {
+        light[i] *= i % WIDTH >= 0.05 * (i / WIDTH - 20) ? 1 : 0;
+    }
+    light[10 * WIDTH + 2] = 0;
+    judge(0);
+    TEST_ASSERT_EQUAL_UINT(1, report.dead);
+    expect_class(2, 10, PIXEL_DEAD);
+}
+
 static void one_exposure_tells_nothing_of_linearity(void)
 {
     double slope;
@@ -222,6 +234,7 @@ int main(void)
     RUN_TEST(flickering_lamp_is_not_taken_for_bad_pixels);
     RUN_TEST(bent_sensor_shows_in_the_deviation);
     RUN_TEST(dark_surround_is_not_dead);
+    RUN_TEST(lit_area_that_ends_at_the_side_of_the_frame_is_not_dead);
     RUN_TEST(one_exposure_tells_nothing_of_linearity);
     return UNITY_END();
 }
