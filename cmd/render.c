@@ -183,9 +183,10 @@ static int print_json(const struct render_options *settings, const struct render
                       "degenerate", (json_int_t)o->degenerate, "open_edges",
                       (json_int_t)o->open_edges, "crowded_edges", (json_int_t)o->crowded_edges,
                       "translucent", o->translucent, "samples", (json_int_t)o->counts.samples,
-                      "quarters", (json_int_t)o->counts.gather.quarters, "rays",
-                      (json_int_t)rays_of(&o->counts.work), "point_mm", o->point_mm, "stretch",
-                      o->stretch[0], o->stretch[1], o->stretch[2], "limited", o->limited));
+                      "pairs", (json_int_t)(o->counts.gather.points + o->counts.gather.squares),
+                      "rays", (json_int_t)rays_of(&o->counts.work), "point_mm", o->point_mm,
+                      "stretch", o->stretch[0], o->stretch[1], o->stretch[2], "limited",
+                      o->limited));
     }
     return json_print(root, error);
 }

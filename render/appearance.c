@@ -189,6 +189,9 @@ int appearance_make(struct appearance *appearance, const struct nacre_material *
         appearance->local[i] = (float)(local_at(appearance, peaks, i / 3, i % 3) + centre);
     }
     status = check_values(appearance, error);
+    if (status == NACRE_OK && appearance->gathers) {
+        status = basis_make(&appearance->basis, appearance, error);
+    }
 out:
     free(peaks);
     if (status != NACRE_OK) {
@@ -202,6 +205,7 @@ void appearance_finish(struct appearance *appearance)
     if (appearance->h != appearance->f) {
         free(appearance->h);
     }
+    basis_finish(&appearance->basis);
     free(appearance->f);
     free(appearance->kernels);
     free(appearance->ids);

@@ -8,6 +8,7 @@
 
 #include "nacre/error.h"
 #include "nacre/material.h"
+#include "render/basis.h"
 
 #include <stdbool.h>
 #include <stddef.h>
@@ -25,9 +26,10 @@ struct appearance {
     /* Smooth parts with a border of zeros, side K + 2: [kernel_count][side][side][4], or with a kernel per term
      * [side][side][terms][4]; R, G, B and an unused float. */
     float *kernels;
-    uint32_t *ids;  /* [height][width][mixed] */
-    float *weights; /* [height][width][mixed] */
-    float *local;   /* [height][width][3] */
+    uint32_t *ids;      /* [height][width][mixed] */
+    float *weights;     /* [height][width][mixed] */
+    float *local;       /* [height][width][3] */
+    struct basis basis; /* of the smooth kernels */
     double pitch_mm;
 };
 

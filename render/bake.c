@@ -8,8 +8,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* Beyond this, samples that share a surface point are summed up: the smooth kernels are nearly straight over one. */
-static const double near_points = 3;
+/* See gather.h. Measured in tests/bench/bench_render.c. */
+static const double tolerance = 2e-3;
 
 static double seconds_since(int64_t start_ns)
 {
@@ -94,8 +94,9 @@ static void count(const struct light_samples *samples, const struct gather_count
     light_work_add(&counts->work, &samples->work);
     counts->gather.receivers += gather->receivers;
     counts->gather.samples += gather->samples;
-    counts->gather.quarters += gather->quarters;
-    counts->gather.lookups += gather->lookups;
+    counts->gather.points += gather->points;
+    counts->gather.squares += gather->squares;
+    counts->gather.bound = fmax(counts->gather.bound, gather->bound);
 }
 
 int bake_object(const struct lit_surface *surface, const struct appearance *appearance,
@@ -117,8 +118,8 @@ int bake_object(const struct lit_surface *surface, const struct appearance *appe
     counts->light_seconds += seconds_since(start);
     start = now_ns();
     if (status == NACRE_OK && RENDER_EFFECTS_BUILT(RENDER_SUBSURFACE) && effects->subsurface) {
-        struct gather gather = {mesh,       mapping, appearance, &samples, effects->same_side,
-                                near_points};
+        struct gather gather = {mesh,      mapping, appearance, &samples, effects->same_side,
+                                tolerance, NULL};
         struct progress progress = progress_begin("gathering", settings->quiet);
         status = gather_run(&gather, opencl, &progress, radiosity, &gathered, error);
         progress_end(&progress);

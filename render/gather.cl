@@ -1,10 +1,7 @@
-/* Light gathered from samples by receivers; gather_reference.c is the same in double precision.
- * What is specialised, by -D: */
+/* Light gathered by 16 receivers at a time, from light samples and from moments of squares of surface points (cells.h,
+ * basis.h); gather_reference.c is the same in double precision, sample by sample. What is specialised, by -D: */
 #ifndef TERMS4
 #define TERMS4 1 /* terms / 4 */
-#endif
-#ifndef PLANES
-#define PLANES 3 /* channels of the factors: 1 or 3 */
 #endif
 #ifndef WINDOW
 #define WINDOW 3 /* K */
@@ -17,6 +14,9 @@
 #endif
 #ifndef PER_TERM
 #define PER_TERM 0 /* 1: a kernel for each term */
+#endif
+#ifndef VECTORS
+#define VECTORS 1 /* float16s of basis kernels */
 #endif
 #ifndef WIDTH
 #define WIDTH 1 /* of the material, surface points */
@@ -33,19 +33,30 @@
 #ifndef POINT_MM
 #define POINT_MM 1.0f
 #endif
-#ifndef NEAR_MM
-#define NEAR_MM 3.0f /* nearer cells: sample by sample */
-#endif
-#ifndef MIDDLE_MM
-#define MIDDLE_MM 8.0f /* nearer cells: by quarters of a surface point; farther ones as a whole */
-#endif
 
 #define SIDE (WINDOW + 2)
-#define REACH_MM ((WINDOW / 2 + 1) * 1.4142136f * POINT_MM)
+#define HALF_WINDOW (WINDOW / 2 + 1)
+#define LANES 16
+#define LAST (2 * HALF_WINDOW * 0x1.fffffep-1f) /* just inside the padded window */
+#define TERMS (4 * TERMS4)
+#define LANE(vector, type, j) (((const type *)&(vector))[j])
 
-struct receiver {
-    float4 position, along_x, along_y, normal;
-    int4 place; /* chart, column, flip_x, flip_y */
+/* 16 receivers, field by field. */
+struct bundle {
+    float16 px, py, pz, ax, ay, az, bx, by, bz, nx, ny, nz, x, y, flip_x, flip_y;
+    int16 chart, column;
+};
+
+struct point {
+    float px, py, pz, x, y, red, green, blue, nx, ny, nz;
+    int chart;
+    uint texel, unused[3];
+};
+
+/* Where the kernels are read: the padded offset's whole part and fraction. */
+struct offsets {
+    float16 dx, dy, fx, fy;
+    int16 inside, place;
 };
 
 int wrap(int i, int size)
@@ -56,148 +67,221 @@ int wrap(int i, int size)
     return inside < size ? inside : 2 * size - 1 - inside;
 }
 
-float total(float4 v)
+struct offsets offsets_from(const struct bundle *to, float px, float py, float pz)
 {
-    return (v.x + v.y) + (v.z + v.w);
+    struct offsets o;
+    float16 ox = to->px - px, oy = to->py - py, oz = to->pz - pz;
+    float16 square = fma(ox, ox, fma(oy, oy, oz * oz));
+    float16 a = fma(ox, to->ax, fma(oy, to->ay, oz * to->az));
+    float16 b = fma(ox, to->bx, fma(oy, to->by, oz * to->bz));
+    float16 across = fma(a, a, b * b);
+    /* Else straight through the material: no direction is better than another. */
+    int16 along = across > 1e-10f * square;
+    a = select((float16)1, a, along);
+    b = select((float16)0, b, along);
+    float16 scale = sqrt(square / select((float16)1, across, along)) * (1 / POINT_MM);
+    o.dx = a * scale;
+    o.dy = b * scale;
+    float16 u = fma(to->flip_x, o.dx, (float16)HALF_WINDOW), v = fma(to->flip_y, o.dy, (float16)HALF_WINDOW);
+    o.inside = (u > 0) & (u < 2 * HALF_WINDOW) & (v > 0) & (v < 2 * HALF_WINDOW);
+    u = clamp(u, (float16)0, (float16)LAST); /* lanes outside read something, too */
+    v = clamp(v, (float16)0, (float16)LAST);
+    int16 column = convert_int16(u), row = convert_int16(v);
+    o.fx = u - convert_float16(column);
+    o.fy = v - convert_float16(row);
+    o.place = row * SIDE + column;
+    return o;
 }
 
-/* sum_t F H G, by colour, at padded kernel offset (u, v) + fraction f. */
-float4 response(uint texel, int column, int u, int v, float2 f, __global const float4 *factors,
-                const float4 *h, __global const float4 *kernels, __global const uint *ids,
-                __global const float *weights)
+float4 fold(float16 v)
 {
-    __global const float4 *row = factors + (size_t)texel * (PLANES * TERMS4);
-    float4 corner = (float4)((1 - f.x) * (1 - f.y), f.x * (1 - f.y), (1 - f.x) * f.y, f.x * f.y);
+    float8 half_sum = v.lo + v.hi;
+    return half_sum.lo + half_sum.hi;
+}
+
+float16 basis_at(__global const float16 *g, int step, float fx, float fy)
+{
+    float16 upper = fma(g[step] - g[0], (float16)fx, g[0]);
+    float16 lower = fma(g[(SIDE + 1) * step] - g[SIDE * step], (float16)fx, g[SIDE * step]);
+    return fma(lower - upper, (float16)fy, upper);
+}
+
+/* sum_t F H G by colour, for receiver j of the bundle. */
+float4 response(uint texel, int column, int place, float fx, float fy, __global const float16 *factors,
+                __global const float16 *h, __global const float4 *kernels, __global const float16 *basis,
+                __global const uint *ids, __global const float *weights)
+{
+    __global const float16 *f = factors + (size_t)texel * TERMS4;
+    float16 sum = 0;
 #if PER_TERM
-    __global const float4 *g = kernels + ((size_t)v * SIDE + u) * (TERMS4 * 4);
-    float4 sum = 0;
-    for (int t = 0; t < TERMS4 * 4; t++) {
-        float4 kernel_value = corner.x * g[t] + corner.y * g[t + TERMS4 * 4] +
-                              corner.z * g[t + SIDE * TERMS4 * 4] +
-                              corner.w * g[t + (SIDE + 1) * TERMS4 * 4];
-        float4 product = ((__global const float *)row)[t] * ((const float *)h)[t];
-        if (PLANES == 3) {
-            product.y = ((__global const float *)row)[t + TERMS4 * 4] *
-                        ((const float *)h)[t + TERMS4 * 4];
-            product.z = ((__global const float *)row)[t + TERMS4 * 8] *
-                        ((const float *)h)[t + TERMS4 * 8];
-        }
-        sum += product * kernel_value;
+    for (int k = 0; k < TERMS4; k++) {
+        sum = fma(f[k] * h[k], basis_at(basis + (size_t)place * TERMS4 + k, TERMS4, fx, fy), sum);
     }
-    return sum;
+    return fold(sum);
 #else
-    float4 kernel_value = 0;
+    float4 value = 0;
+    for (int k = 0; k < TERMS4; k++) {
+        sum = fma(f[k], h[k], sum);
+    }
     for (int a = 0; a < MIXED; a++) {
         size_t id = ids[(size_t)texel * MIXED + a] * (CLUSTERS ? CLUSTERS : 1) + column;
-        __global const float4 *g = kernels + (id * SIDE + v) * SIDE + u;
-        float4 value = corner.x * g[0] + corner.y * g[1] + corner.z * g[SIDE] + corner.w * g[SIDE + 1];
-        kernel_value += (MIXED > 1 ? weights[(size_t)texel * MIXED + a] : 1.0f) * value;
+        __global const float4 *g = kernels + id * (SIDE * SIDE) + place;
+        float4 upper = fma(g[1] - g[0], (float4)fx, g[0]);
+        float4 lower = fma(g[SIDE + 1] - g[SIDE], (float4)fx, g[SIDE]);
+        value += (MIXED > 1 ? weights[(size_t)texel * MIXED + a] : 1.0f) *
+                 fma(lower - upper, (float4)fy, upper);
     }
-    float4 sums[PLANES];
-    for (int c = 0; c < PLANES; c++) {
-        sums[c] = row[c * TERMS4] * h[c * TERMS4];
-        for (int t = 1; t < TERMS4; t++) {
-            sums[c] = mad(row[c * TERMS4 + t], h[c * TERMS4 + t], sums[c]);
-        }
-    }
-    float4 product = total(sums[0]);
-    if (PLANES == 3) {
-        product.y = total(sums[PLANES / 2]);
-        product.z = total(sums[PLANES - 1]);
-    }
-    return product * kernel_value;
+    return fold(sum) * value;
 #endif
 }
 
-/* What one sample gives a receiver. sample: position and x; flux and y; normal. spot: texel, chart. */
-float4 pair(const struct receiver *to, const float4 *h, __global const float4 *sample,
-            __global const uint *spot, __global const float4 *factors, __global const float4 *kernels,
-            __global const uint *ids, __global const float *weights)
+/* The surface point that receiver j sees in the direction of a sample that is elsewhere in the texture. */
+uint seen_texel(const struct bundle *to, const struct offsets *o, int j)
 {
-    float4 place = sample[0], flux = sample[1];
-    float4 offset = (float4)(to->position.xyz - place.xyz, 0);
-    float square = dot(offset, offset);
-    if (square >= REACH_MM * REACH_MM) {
-        return 0;
-    }
-    if (SAME_SIDE && dot(to->normal.xyz, sample[2].xyz) <= 0) {
-        return 0;
-    }
-    float a = dot(offset.xyz, to->along_x.xyz), b = dot(offset.xyz, to->along_y.xyz);
-    float across = a * a + b * b;
-    if (!(across > 1e-10f * square)) { /* straight through the material: no direction is better than another */
-        a = 1;
-        b = 0;
-        across = 1;
-    }
-    float scale = sqrt(square / across) / POINT_MM;
-    float dx = a * scale, dy = b * scale;
-    float u = to->place.z * dx + (WINDOW / 2 + 1), v = to->place.w * dy + (WINDOW / 2 + 1);
-    if (!(u > 0 && u < WINDOW + 1 && v > 0 && v < WINDOW + 1)) {
-        return 0;
-    }
-    uint texel = spot[0];
-    if (spot[1] != (uint)to->place.x || fabs(to->along_x.w - place.w) > WINDOW / 2 + 1 ||
-        fabs(to->along_y.w - flux.w) > WINDOW / 2 + 1) {
-        texel = wrap(convert_int_rtn(to->along_y.w - dy), HEIGHT) * WIDTH +
-                wrap(convert_int_rtn(to->along_x.w - dx), WIDTH);
-    }
-    int iu = (int)u, iv = (int)v;
-    return flux * response(texel, to->place.y, iu, iv, (float2)(u - iu, v - iv), factors, h, kernels,
-                           ids, weights);
+    return wrap(convert_int_rtn(LANE(to->y, float, j) - LANE(o->dy, float, j)), HEIGHT) * WIDTH +
+           wrap(convert_int_rtn(LANE(to->x, float, j) - LANE(o->dx, float, j)), WIDTH);
 }
 
-/* One receiver a work item. groups[receiver] names the part of `lists` that holds the blocks in its reach. */
-__kernel void gather(uint first, __global const struct receiver *receivers,
-                     __global const float4 *receiver_h, __global const uint *groups,
-                     __global const uint *list_starts, __global const uint *lists,
-                     __global const float4 *blocks, __global const uint2 *block_cells,
-                     __global const float4 *cells, __global const uint4 *cell_samples,
-                     __global const float4 *samples, __global const uint *spots,
-                     __global const float4 *quarters, __global const uint *quarter_spots,
-                     __global const float4 *wholes, __global const uint *whole_spots,
-                     __global const float4 *factors, __global const float4 *kernels,
+/* What one light sample, or a sum of some on one surface point, gives each receiver. */
+void add_point(const struct bundle *to, __global const struct point *from, float4 *sums,
+               __global const float16 *factors, __global const float16 *h, __global const float4 *kernels,
+               __global const float16 *basis, __global const uint *ids, __global const float *weights)
+{
+    struct offsets o = offsets_from(to, from->px, from->py, from->pz);
+    if (SAME_SIDE) {
+        o.inside &= fma(to->nx, from->nx, fma(to->ny, from->ny, to->nz * from->nz)) > 0;
+    }
+    if (!any(o.inside)) {
+        return;
+    }
+    int16 foreign = (to->chart != from->chart) | (fabs(to->x - from->x) > HALF_WINDOW) |
+                    (fabs(to->y - from->y) > HALF_WINDOW);
+    float4 flux = (float4)(from->red, from->green, from->blue, 0);
+    for (int j = 0; j < LANES; j++) {
+        if (LANE(o.inside, int, j)) {
+            uint texel = LANE(foreign, int, j) ? seen_texel(to, &o, j) : from->texel;
+            sums[j] += flux * response(texel, LANE(to->column, int, j), LANE(o.place, int, j),
+                                       LANE(o.fx, float, j), LANE(o.fy, float, j), factors,
+                                       h + j * TERMS4, kernels, basis, ids, weights);
+        }
+    }
+}
+
+#if PER_TERM
+#define STATE TERMS4 /* float16s that a receiver's sum takes */
+#else
+#define STATE 1
+#endif
+
+/* What a square's light gives each receiver. sums[LANES][STATE]; h[TERMS][LANES] has H in the lanes of the basis. */
+void add_square(const struct bundle *to, float4 from, __global const float16 *moment, float16 *sums,
+                const float16 *h, __global const float16 *basis)
+{
+    struct offsets o = offsets_from(to, from.x, from.y, from.z);
+    if (!any(o.inside)) {
+        return;
+    }
+#if PER_TERM
+    for (int j = 0; j < LANES; j++) {
+        if (LANE(o.inside, int, j)) {
+            __global const float16 *g = basis + (size_t)LANE(o.place, int, j) * TERMS4;
+            for (int k = 0; k < TERMS4; k++) {
+                sums[j * STATE + k] =
+                    fma(basis_at(g + k, TERMS4, LANE(o.fx, float, j), LANE(o.fy, float, j)),
+                        moment[k], sums[j * STATE + k]);
+            }
+        }
+    }
+#else
+    for (int j = 0; j < LANES; j += 4) { /* four at a time: the moment is read once for them */
+        if (!(LANE(o.inside, int, j) | LANE(o.inside, int, j + 1) | LANE(o.inside, int, j + 2) |
+              LANE(o.inside, int, j + 3))) {
+            continue;
+        }
+        for (int k = 0; k < VECTORS; k++) {
+            float16 part[4];
+            for (int i = 0; i < 4; i++) {
+                part[i] = h[j + i] * moment[k];
+            }
+            for (int t = 1; t < TERMS; t++) {
+                float16 m = moment[t * VECTORS + k];
+                for (int i = 0; i < 4; i++) {
+                    part[i] = fma(h[t * LANES + j + i], m, part[i]);
+                }
+            }
+            for (int i = 0; i < 4; i++) {
+                size_t table = CLUSTERS ? (size_t)LANE(to->column, int, j + i) * (SIDE * SIDE) : 0;
+                __global const float16 *g =
+                    basis + (table + LANE(o.place, int, j + i)) * VECTORS + k;
+                float16 value = basis_at(g, VECTORS, LANE(o.fx, float, j + i), LANE(o.fy, float, j + i));
+                value = LANE(o.inside, int, j + i) ? value : (float16)0;
+                sums[j + i] = fma(value, part[i], sums[j + i]);
+            }
+        }
+    }
+#endif
+}
+
+/* By colour, what a receiver's sum over squares comes to. */
+float4 sum_squares(const float16 *sums, __global const float16 *h)
+{
+#if PER_TERM
+    float16 sum = 0;
+    for (int k = 0; k < TERMS4; k++) {
+        sum = fma(sums[k], h[k], sum);
+    }
+    return fold(sum);
+#else
+    float16 s = sums[0];
+    return (float4)(s.s0 + s.s3 + s.s6 + s.s9 + s.sc, s.s1 + s.s4 + s.s7 + s.sa + s.sd,
+                    s.s2 + s.s5 + s.s8 + s.sb + s.se, 0);
+#endif
+}
+
+/* A bundle a work item. point_starts and square_starts name the parts of the lists that are its own. */
+__kernel void gather(uint first, __global const struct bundle *bundles, __global const float16 *bundle_h,
+                     __global const uint *point_starts, __global const uint *point_list,
+                     __global const uint *square_starts, __global const uint *square_list,
+                     __global const struct point *points, __global const float4 *squares,
+                     __global const float16 *moments, __global const float16 *factors,
+                     __global const float4 *kernels, __global const float16 *basis,
                      __global const uint *ids, __global const float *weights, __global float4 *out)
 {
     size_t index = first + get_global_id(0);
-    struct receiver to = receivers[index];
-    float4 h[PLANES * TERMS4];
-    for (int i = 0; i < PLANES * TERMS4; i++) {
-        h[i] = receiver_h[index * (PLANES * TERMS4) + i];
+    const struct bundle to = bundles[index];
+    __global const float16 *h = bundle_h + index * (LANES * TERMS4);
+    float4 sums[LANES];
+    float16 square_sums[LANES * STATE];
+    for (int j = 0; j < LANES * STATE; j++) {
+        square_sums[j] = 0;
     }
-    float4 sum = 0;
-    uint group = groups[index];
-    for (uint i = list_starts[group]; i < list_starts[group + 1]; i++) {
-        uint block = lists[i];
-        float3 outside = fmax(fmax(blocks[2 * block].xyz - to.position.xyz,
-                                   to.position.xyz - blocks[2 * block + 1].xyz), 0.0f);
-        if (dot(outside, outside) >= REACH_MM * REACH_MM) {
-            continue;
-        }
-        float4 block_sum = 0;
-        for (uint cell = block_cells[block].x; cell < block_cells[block].y; cell++) {
-            float3 away = cells[cell].xyz - to.position.xyz;
-            float distance = sqrt(dot(away, away)) - cells[cell].w;
-            if (distance >= REACH_MM) {
-                continue;
-            }
-            uint4 range = cell_samples[cell];
-            if (distance < NEAR_MM) {
-                for (uint s = range.x; s < range.y; s++) {
-                    block_sum += pair(&to, h, samples + 3 * (size_t)s, spots + 2 * (size_t)s, factors,
-                                      kernels, ids, weights);
-                }
-            } else if (distance < MIDDLE_MM) {
-                for (uint s = range.z; s < range.w; s++) {
-                    block_sum += pair(&to, h, quarters + 3 * (size_t)s, quarter_spots + 2 * (size_t)s,
-                                      factors, kernels, ids, weights);
-                }
-            } else {
-                block_sum += pair(&to, h, wholes + 3 * (size_t)cell, whole_spots + 2 * (size_t)cell,
-                                  factors, kernels, ids, weights);
+    for (int j = 0; j < LANES; j++) {
+        sums[j] = 0;
+    }
+    for (uint i = point_starts[index]; i < point_starts[index + 1]; i++) {
+        add_point(&to, points + point_list[i], sums, factors, h, kernels, basis, ids, weights);
+    }
+    if (square_starts[index] < square_starts[index + 1]) {
+#if PER_TERM
+        float16 wide_h[1];
+#else
+        float16 wide_h[TERMS * LANES];
+        for (int j = 0; j < LANES; j++) {
+            __global const float4 *own = (__global const float4 *)(h + j * TERMS4);
+            for (int t = 0; t < TERMS; t++) {
+                float3 v = own[t].xyz;
+                wide_h[t * LANES + j] = (float16)(v, v, v, v, v, 0);
             }
         }
-        sum += block_sum;
+#endif
+        for (uint i = square_starts[index]; i < square_starts[index + 1]; i++) {
+            size_t square = square_list[i];
+            add_square(&to, squares[square], moments + square * (PER_TERM ? TERMS4 : TERMS * VECTORS),
+                       square_sums, wide_h, basis);
+        }
     }
-    out[index] = sum * (1.0f / (POINT_MM * POINT_MM));
+    for (int j = 0; j < LANES; j++) {
+        out[index * LANES + j] = (sums[j] + sum_squares(square_sums + j * STATE, h + j * TERMS4)) *
+                                 (1 / (POINT_MM * POINT_MM));
+    }
 }

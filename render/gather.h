@@ -23,15 +23,19 @@ struct gather {
     const struct appearance *appearance;
     const struct light_samples *samples;
     bool same_side; /* only light that falls on the side where it leaves */
-    /* Samples within this many surface points count one by one; farther ones are summed up by
-     * quarters of a surface point, and from 2.5 times as far on by whole ones. HUGE_VAL: always one
-     * by one. */
-    double near_points;
+    /* Samples are summed up where the bound of what this changes is at most this share of the surface's mean light; the
+     * bounds of all that a receiver takes add up, see `bounds`. 0: every sample by itself. */
+    double tolerance;
+    float *
+        bounds; /* NULL, or [vertex]: summing up changes the light there by at most so much in any channel */
 };
 
 struct gather_counts {
-    uint64_t receivers, samples, quarters;
-    uint64_t lookups; /* visits of blocks of samples by groups of receivers */
+    uint64_t receivers, samples;
+    uint64_t points,
+        squares;  /* pairs of a receiver and a sample, a sum of some, or a square's moment */
+    double bound; /* root mean square of the bounds over that of the light */
+    double prepare_seconds, launch_seconds;
 };
 
 /* Add the smooth part of what leaves each vertex to radiosity[vertex][3], on the OpenCL device. */

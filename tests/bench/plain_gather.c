@@ -76,7 +76,7 @@ static void build(struct plain *plain)
         fail("the plain gather knows layout single with hard clusters and three channels alone");
     }
     (void)snprintf(options, sizeof options,
-                   "-cl-fast-relaxed-math -DTERMS4=%d -DWINDOW=%d -DWIDTH=%d -DHEIGHT=%d "
+                   "-w -cl-fast-relaxed-math -DTERMS4=%d -DWINDOW=%d -DWIDTH=%d -DHEIGHT=%d "
                    "-DMIRROR=%d -DPOINT_MM=%.9ef",
                    a->terms / 4, a->window, a->width, a->height, mapping->mirror,
                    mapping->point_mm);

@@ -21,7 +21,7 @@
 #endif
 
 #define SIDE (WINDOW + 2)
-#define HALF (WINDOW / 2 + 1)
+#define HALF_WINDOW (WINDOW / 2 + 1)
 #define LANES 16
 
 /* 16 receivers, field by field. */
@@ -90,13 +90,13 @@ __kernel void plain_gather(uint first, __global const struct bundle *bundles, __
             b = select((float16)0, b, along);
             float16 scale = sqrt(square / select((float16)1, across, along)) * (1 / POINT_MM);
             float16 dx = a * scale, dy = b * scale;
-            float16 u = to.flip_x * dx + HALF, v = to.flip_y * dy + HALF;
-            int16 inside = u > 0 & u < 2 * HALF & v > 0 & v < 2 * HALF;
+            float16 u = to.flip_x * dx + HALF_WINDOW, v = to.flip_y * dy + HALF_WINDOW;
+            int16 inside = u > 0 & u < 2 * HALF_WINDOW & v > 0 & v < 2 * HALF_WINDOW;
             if (!any(inside)) {
                 continue;
             }
             int16 foreign =
-                to.chart != from.chart | fabs(to.x - from.x) > HALF | fabs(to.y - from.y) > HALF;
+                to.chart != from.chart | fabs(to.x - from.x) > HALF_WINDOW | fabs(to.y - from.y) > HALF_WINDOW;
             int16 column = convert_int16(u), row = convert_int16(v), place = row * SIDE + column;
             float16 fx = u - convert_float16(column), fy = v - convert_float16(row);
             int16 foreign_texel = (int16)from.texel;

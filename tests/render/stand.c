@@ -134,28 +134,35 @@ void stand_light_evenly(struct stand *stand, double density)
     world_free(world);
 }
 
-static struct gather gather_of(struct stand *stand, double near_points)
+static struct gather gather_of(struct stand *stand, double tolerance)
 {
     memset(stand->radiosity, 0, stand->mesh.vertex_count * sizeof *stand->radiosity);
     return (struct gather){.mesh = &stand->mesh,
                            .mapping = &stand->mapping,
                            .appearance = &stand->appearance,
                            .samples = &stand->samples,
-                           .near_points = near_points};
+                           .tolerance = tolerance};
 }
 
-void stand_gather(struct stand *stand, double near_points)
+struct gather_counts stand_gather_bounded(struct stand *stand, double tolerance, float *bounds)
 {
-    struct gather gather = gather_of(stand, near_points);
+    struct gather gather = gather_of(stand, tolerance);
     struct gather_counts counts;
+    gather.bounds = bounds;
     TEST_ASSERT_EQUAL_INT_MESSAGE(
         NACRE_OK, gather_run(&gather, stand_opencl(), NULL, stand->radiosity, &counts, &error),
         error.text);
+    return counts;
+}
+
+void stand_gather(struct stand *stand, double tolerance)
+{
+    (void)stand_gather_bounded(stand, tolerance, NULL);
 }
 
 void stand_gather_reference(struct stand *stand)
 {
-    struct gather gather = gather_of(stand, HUGE_VAL);
+    struct gather gather = gather_of(stand, 0);
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, gather_reference(&gather, stand->radiosity, &error),
                                   error.text);
 }
