@@ -1,6 +1,8 @@
 /* Session folders: making, resuming and opening them. */
 #include "rig/session.h"
 
+#include "rig/session_id.h"
+
 #include <dirent.h>
 #include <errno.h>
 #include <fcntl.h>
@@ -139,6 +141,9 @@ static int read_own_settings(struct session *session, struct nacre_error *error)
         goto out;
     }
     status = plan_read(plan_path, &session->plan, error);
+    if (status == NACRE_OK) {
+        status = session_id_read(session, error);
+    }
 out:
     free(station_path);
     free(plan_path);
@@ -167,7 +172,7 @@ static int write_settings(const struct session *session, const char *name,
 /* What make_session writes last: a session that lacks it was never measured. */
 static const char last_written[] = "plan.yaml";
 
-static int fill_folder(const struct session *session, struct nacre_error *error)
+static int fill_folder(struct session *session, struct nacre_error *error)
 {
     static const char *const folders[] = {"calibration", "frames"};
     int status;
@@ -178,12 +183,16 @@ static int fill_folder(const struct session *session, struct nacre_error *error)
         }
     }
     status = write_settings(session, "station.yaml", &station_schema, &session->station, error);
+    if (status == NACRE_OK) {
+        status = session_id_make(session, error);
+    }
     return status == NACRE_OK
                ? write_settings(session, last_written, &plan_schema, &session->plan, error)
                : status;
 }
 
-static int compare_settings(const struct session *session, struct nacre_error *error)
+/* The id is taken over. */
+static int compare_settings(struct session *session, struct nacre_error *error)
 {
     char where[256];
     struct session own = {.path = session->path};
@@ -205,6 +214,7 @@ static int compare_settings(const struct session *session, struct nacre_error *e
                        "same settings or begin a new session",
                        session->path, where, session->path, file);
     }
+    memcpy(session->id, own.id, sizeof session->id);
 out:
     own.path = NULL;
     session_finish(&own);

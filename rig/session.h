@@ -1,7 +1,7 @@
 /* A session folder: the files of one acquisition, written pattern by pattern and read back by
  * develop.
  *
- * SESSION/station.yaml, plan.yaml: as used. SESSION/calibration/{black,white,dots}-NNN.exr and
+ * SESSION/station.yaml, plan.yaml: as used; session.yaml: an id that each pattern file names. SESSION/calibration/{black,white,dots}-NNN.exr and
  * SESSION/frames/NNNNNN.exr (grids): one multi-part file a pattern, one part an exposure, named
  * after its time; channel `raw` UINT, ZIP. A pattern file that exists is whole. docs/formats.md has
  * the attributes. */
@@ -20,7 +20,8 @@ struct session {
     char *path;
     struct station station;
     struct plan plan;
-    int folder; /* holds the lock while `locked` */
+    char id[17]; /* 16 hexadecimal digits; "": of a session that was begun without */
+    int folder;  /* holds the lock while `locked` */
     bool locked;
 };
 
@@ -77,7 +78,7 @@ int session_write(const struct session *session, const struct pattern_frames *fr
                   struct nacre_error *error);
 
 /* Read a pattern's file; pattern_frames_finish frees. Checked: kind, number, seed, size, bits,
- * Bayer order and exposures against the session's settings. A pattern that was not measured fails
+ * Bayer order and exposures against the session's settings, and its id. A pattern that was not measured fails
  * too: ask session_has. */
 int session_read(const struct session *session, struct pattern pattern,
                  struct pattern_frames *frames, struct nacre_error *error);

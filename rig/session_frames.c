@@ -50,12 +50,16 @@ static int add_exposure_attributes(struct exr_part *part, const struct pattern_f
     return exr_part_add_int(part, "nacre.bits", frames->bits);
 }
 
-static int add_file_attributes(struct exr_part *part, const struct pattern_frames *frames)
+static int add_file_attributes(struct exr_part *part, const struct session *session,
+                               const struct pattern_frames *frames)
 {
     if (exr_part_add_string(part, "nacre.format", "frames 1") != NACRE_OK ||
         exr_part_add_string(part, "nacre.pattern.kind", pattern_kind_names[frames->pattern.kind]) !=
             NACRE_OK ||
         exr_part_add_int(part, "nacre.pattern.number", frames->pattern.number) != NACRE_OK) {
+        return NACRE_FAILED;
+    }
+    if (session->id[0] && exr_part_add_string(part, "nacre.session", session->id) != NACRE_OK) {
         return NACRE_FAILED;
     }
     if (frames->origin &&
@@ -65,7 +69,8 @@ static int add_file_attributes(struct exr_part *part, const struct pattern_frame
     return exr_part_add_int(part, "nacre.seed", frames->seed);
 }
 
-static int add_exposure(struct exr_file *file, const struct pattern_frames *frames, size_t index)
+static int add_exposure(struct exr_file *file, const struct session *session,
+                        const struct pattern_frames *frames, size_t index)
 {
     const struct exposure *exposure = &frames->exposures[index];
     size_t pixels = (size_t)frames->width * (size_t)frames->height;
@@ -79,7 +84,7 @@ static int add_exposure(struct exr_file *file, const struct pattern_frames *fram
     for (size_t i = 0; i < pixels; i++) {
         plane->integers[i] = exposure->raw[i];
     }
-    if (index == 0 && add_file_attributes(part, frames) != NACRE_OK) {
+    if (index == 0 && add_file_attributes(part, session, frames) != NACRE_OK) {
         return NACRE_FAILED;
     }
     return add_exposure_attributes(part, frames, exposure);
@@ -96,7 +101,7 @@ int session_write(const struct session *session, const struct pattern_frames *fr
         goto out;
     }
     for (size_t i = 0; i < frames->count; i++) {
-        if (add_exposure(&file, frames, i) != NACRE_OK) {
+        if (add_exposure(&file, session, frames, i) != NACRE_OK) {
             status = nacre_fail_memory(error, path);
             goto out;
         }
@@ -154,6 +159,20 @@ static int check_file(const struct session *session, struct pattern pattern,
                           session->plan.exposure_count);
     }
     return NACRE_OK;
+}
+
+/* Frames of a session that was begun without an id have none. */
+static int check_id(const struct session *session, const struct exr_part *first,
+                    struct nacre_error *error)
+{
+    const struct exr_attribute *id = exr_part_find(first, "nacre.session", EXR_STRING);
+    const char *found = id ? id->string : "";
+    return strcmp(found, session->id) == 0
+               ? NACRE_OK
+               : nacre_fail(error,
+                            "belongs to another session: its nacre.session is '%.40s', not '%s'; "
+                            "remove the file and resume the scan",
+                            found, session->id);
 }
 
 /* Size, bits and Bayer order against the station. */
@@ -264,7 +283,7 @@ static int fill_frames(const struct session *session, struct pattern pattern,
     for (size_t i = 0; i < frames->count && status == NACRE_OK; i++) {
         status = read_exposure(session, &file->parts[i], i, &frames->exposures[i], error);
     }
-    return status;
+    return status == NACRE_OK ? check_id(session, &file->parts[0], error) : status;
 }
 
 int session_read(const struct session *session, struct pattern pattern,

@@ -61,6 +61,10 @@ int settings_parse(const char *name, const char *folder, const char *text, size_
 int settings_write(const char *path, const struct settings_schema *schema, const void *in,
                    struct nacre_error *error);
 
+/* The same text, but not checked; the caller frees *text, on failure too. */
+int settings_text(const struct settings_schema *schema, const void *in, char **text, size_t *size,
+                  struct nacre_error *error);
+
 /* Whether two structs that were read say the same. Where they do not, `where` gets the key ("camera.bits", cut to
  * `size`) of the first difference. */
 bool settings_same(const struct settings_schema *schema, const void *a, const void *b, char *where,

@@ -271,20 +271,27 @@ static int check_text(const char *path, const char *text, size_t size,
     return result;
 }
 
+int settings_text(const struct settings_schema *schema, const void *in, char **text, size_t *size,
+                  struct nacre_error *error)
+{
+    *text = NULL;
+    FILE *file = open_memstream(text, size);
+    if (!file) {
+        return nacre_fail_memory(error, schema->what);
+    }
+    int result = write_fields(file, schema, in, 0, false, error);
+    if (fclose(file) != 0 && result == NACRE_OK) {
+        result = nacre_fail_memory(error, schema->what);
+    }
+    return result;
+}
+
 int settings_write(const char *path, const struct settings_schema *schema, const void *in,
                    struct nacre_error *error)
 {
     char *text = NULL;
     size_t size = 0;
-    int result = NACRE_FAILED;
-    FILE *file = open_memstream(&text, &size);
-    if (!file) {
-        return nacre_fail_memory(error, path);
-    }
-    result = write_fields(file, schema, in, 0, false, error);
-    if (fclose(file) != 0 && result == NACRE_OK) {
-        result = nacre_fail_memory(error, path);
-    }
+    int result = settings_text(schema, in, &text, &size, error);
     if (result == NACRE_OK) {
         result = check_text(path, text, size, schema, error);
     }

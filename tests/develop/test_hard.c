@@ -105,6 +105,16 @@ static void frame_of_another_session_is_refused(void)
     TEST_ASSERT_NOT_NULL(strstr(error.text, "000003.exr"));
 }
 
+static void frame_of_another_session_of_the_same_plan_is_refused(void)
+{
+    struct made_station other = station;
+    scan(plan_text);
+    other.white[0] = 0.7;
+    swap_frame(&other, plan_text);
+    developing_fails_with("another session: its nacre.session is");
+    TEST_ASSERT_NOT_NULL(strstr(error.text, "000003.exr"));
+}
+
 static void frame_of_another_size_is_refused(void)
 {
     struct made_station other = station;
@@ -211,6 +221,7 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(frame_of_another_session_is_refused);
+    RUN_TEST(frame_of_another_session_of_the_same_plan_is_refused);
     RUN_TEST(frame_of_another_size_is_refused);
     RUN_TEST(frame_of_another_bayer_order_is_refused);
     RUN_TEST(frame_of_another_depth_is_refused);

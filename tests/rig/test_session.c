@@ -171,6 +171,103 @@ static void file_of_another_session_is_refused(void)
     reading_fails(grid7, "another session");
 }
 
+/* Write grid 7 as a session of this id would, and expect its refusal. */
+static void foreign_id_is_refused(const char *id)
+{
+    char own[sizeof session.id];
+    memcpy(own, session.id, sizeof own);
+    (void)snprintf(session.id, sizeof session.id, "%s", id);
+    write_frames(make_frames(grid7));
+    memcpy(session.id, own, sizeof own);
+    reading_fails(grid7, "another session");
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, own), error.text);
+}
+
+static void file_of_another_session_with_the_same_settings_is_refused(void)
+{
+    TEST_ASSERT_EQUAL_UINT(16, strlen(session.id));
+    foreign_id_is_refused("0123456789abcdef");
+    foreign_id_is_refused(""); /* of an older nacre */
+}
+
+static void session_without_an_id_takes_frames_without_one_only(void)
+{
+    struct pattern_frames frames;
+    char path[160];
+    write_frames(make_frames(grid7));
+    (void)snprintf(path, sizeof path, "%s/session.yaml", stage.session);
+    TEST_ASSERT_EQUAL_INT(0, unlink(path));
+    session_finish(&session);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, session_open(stage.session, &session, &error));
+    reading_fails(grid7, "another session");
+    write_frames(make_frames(grid7));
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, session_read(&session, grid7, &frames, &error),
+                                  error.text);
+    pattern_frames_finish(&frames);
+}
+
+static void damaged_id_is_refused(void)
+{
+    stage_write(&stage, "session/session.yaml", "id: 0123456789abcdeX\n");
+    struct session opened;
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, session_open(stage.session, &opened, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "16 hexadecimal digits"), error.text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "session.yaml"), error.text);
+}
+
+/* The id of a session that is made for this. */
+static void make_id(const char *name, char id[17])
+{
+    struct session other;
+    char path[160];
+    (void)snprintf(path, sizeof path, "%s/%s", stage.folder, name);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, session_create(path, stage.station, NULL, false, &other, &error), error.text);
+    memcpy(id, other.id, sizeof other.id);
+    session_finish(&other);
+}
+
+static void ids_follow_from_the_settings_where_all_is_virtual(void)
+{
+    char same[17], other[17];
+    make_id("same", same);
+    TEST_ASSERT_EQUAL_STRING(session.id, same);
+    char *text = text_replace(stage_station, "  seed: 5\n", "  seed: 6\n");
+    stage_write(&stage, "station.yaml", text);
+    make_id("other", other);
+    TEST_ASSERT_TRUE(strcmp(session.id, other) != 0);
+    free(text);
+}
+
+static void ids_are_drawn_where_something_is_real(void)
+{
+    char one[17], other[17];
+    char *text =
+        text_replace(stage_station, "trigger: {driver: virtual}", "trigger: {driver: usb}");
+    stage_write(&stage, "station.yaml", text);
+    make_id("one", one);
+    make_id("other", other);
+    TEST_ASSERT_TRUE(strcmp(one, other) != 0);
+    free(text);
+}
+
+static void resumed_session_keeps_its_id(void)
+{
+    char own[17];
+    memcpy(own, session.id, sizeof own);
+    stage_write(&stage, "session/session.yaml", "id: 0123456789abcdef\n"); /* as if drawn */
+    session_finish(&session);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, session_create(stage.session, stage.station, NULL, true, &session, &error),
+        error.text);
+    TEST_ASSERT_EQUAL_STRING("0123456789abcdef", session.id);
+    TEST_ASSERT_TRUE(strcmp(own, session.id) != 0);
+    session_finish(&session);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, session_create(stage.session, NULL, NULL, true, &session, &error), error.text);
+    TEST_ASSERT_EQUAL_STRING("0123456789abcdef", session.id);
+}
+
 static void file_of_another_camera_is_refused(void)
 {
     struct pattern_frames frames = make_frames(grid7);
@@ -366,6 +463,12 @@ int main(void)
     RUN_TEST(truncated_file_is_refused);
     RUN_TEST(file_under_another_name_is_refused);
     RUN_TEST(file_of_another_session_is_refused);
+    RUN_TEST(file_of_another_session_with_the_same_settings_is_refused);
+    RUN_TEST(session_without_an_id_takes_frames_without_one_only);
+    RUN_TEST(damaged_id_is_refused);
+    RUN_TEST(ids_follow_from_the_settings_where_all_is_virtual);
+    RUN_TEST(ids_are_drawn_where_something_is_real);
+    RUN_TEST(resumed_session_keeps_its_id);
     RUN_TEST(file_of_another_camera_is_refused);
     RUN_TEST(file_with_other_exposures_is_refused);
     RUN_TEST(value_above_saturation_is_refused);
