@@ -28,6 +28,7 @@ struct develop_options {
     enum demosaic demosaic;
     enum nacre_pixel store; /* NACRE_FLOAT or NACRE_HALF */
     enum flat_mode flat;
+    bool once;   /* keep no work file, whatever happens: nobody will go on with it */
     bool resume; /* go on with what a stopped development of the same output left beside it */
     const char *pixels;       /* where the map of pixels is written; may be NULL */
     const char *known_pixels; /* a map of pixels that are not to be trusted either; may be NULL */
@@ -69,8 +70,8 @@ struct develop_report {
 
 /* Develop the session at `session_path` into the scan `output`, which appears whole or not at all. `report` may be
  * NULL. The scan is the same for any number of threads.
- * Responses wait in the file `output`.work, which is removed at the end, and stays where the process is killed or asked to
- * stop: `resume` then goes on with it, to the same scan. */
+ * Responses wait in the file `output`.work, which is removed at the end, and stays where the process is killed, is asked to
+ * stop, or fails for a damaged frame or a full disk: `resume` then goes on with it, to the same scan. */
 int develop_session(const char *session_path, const struct develop_options *options,
                     const char *output, struct progress *progress, struct develop_report *report,
                     struct nacre_error *error);

@@ -257,6 +257,7 @@ static uint64_t key_of(const struct development *development)
                               development->session->station.projector.wheel_hz};
     static const char built[] = NACRE_VERSION;
     uint64_t key = work_key(0, built, sizeof built);
+    key = work_key(key, development->session->id, sizeof development->session->id);
     key = work_key(key, sizes, sizeof sizes);
     key = work_key(key, numbers, sizeof numbers);
     key = work_key(key, map->plane.m, sizeof map->plane.m);
@@ -320,6 +321,17 @@ static int make_ready(struct grids *grids, const struct develop_options *options
     return grids->responses ? NACRE_OK : nacre_fail_memory(error, "a grid's responses");
 }
 
+static void tell_of_work(int status, const char *output, struct nacre_error *error)
+{
+    if (status == NACRE_CANCELLED) {
+        (void)nacre_fail(error, "%s: stopped on request; go on with --resume", output);
+    } else if (error) {
+        struct nacre_error cause = *error;
+        (void)nacre_fail(error, "%s; then go on with --resume: %s.work holds what is developed",
+                         cause.text, output);
+    }
+}
+
 int development_write(struct development *development, const struct develop_options *options,
                       const char *output, struct nacre_error *error)
 {
@@ -330,6 +342,7 @@ int development_write(struct development *development, const struct develop_opti
                               .knows = knows_grid,
                               .work = work_grid,
                               .take = take_grid};
+    bool keep = !options->once;
     int status = make_ready(&grids, options, output, error);
     if (status != NACRE_OK) {
         goto out;
@@ -342,6 +355,7 @@ int development_write(struct development *development, const struct develop_opti
     }
     status = check_light(&grids, error);
     if (status != NACRE_OK) {
+        keep = false; /* there is nothing in it */
         goto out;
     }
     if (grids.separate) {
@@ -352,9 +366,9 @@ int development_write(struct development *development, const struct develop_opti
     }
     fill_report(&grids);
 out:
-    /* What failed would fail again; what was stopped can go on. */
-    if (work_close(grids.work, status == NACRE_CANCELLED)) {
-        (void)nacre_fail(error, "%s: stopped on request; go on with --resume", output);
+    /* What was stopped can go on, and so can what failed once its cause is removed: a damaged frame, a full disk. */
+    if (work_close(grids.work, keep && status != NACRE_OK)) {
+        tell_of_work(status, output, error);
     }
     falloff_finish(&grids.falloff);
     falloff_pairs_finish(&grids.pairs);

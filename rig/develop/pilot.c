@@ -2,7 +2,6 @@
 #include "rig/develop/pilot.h"
 
 #include "rig/develop/develop.h"
-#include "rig/develop/work.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -220,7 +219,8 @@ int pilot_read(const char *path, const char *scratch, struct progress *progress,
                                             .confidence = 0.99,
                                             .demosaic = DEMOSAIC_AUTO,
                                             .store = NACRE_FLOAT,
-                                            .flat = FLAT_PAPER};
+                                            .flat = FLAT_PAPER,
+                                            .once = true};
     struct develop_report report;
     *pilot = (struct pilot){0};
     int status = develop_session(path, &options, scratch, progress, &report, error);
@@ -228,7 +228,6 @@ int pilot_read(const char *path, const char *scratch, struct progress *progress,
         status = gather(scratch, report.noise, pilot, error);
         (void)unlink(scratch); /* nothing is lost if it stays */
     }
-    work_remove(scratch); /* is left where the development was stopped */
     if (status != NACRE_OK) {
         pilot_finish(pilot);
     }

@@ -10,6 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/file.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 static const char magic[16] = "nacre develop 1";
@@ -73,6 +74,7 @@ size_t work_count(const struct work *work, int grid)
 void work_place(const struct work *work, int grid, size_t index, int *x, int *y)
 {
     size_t columns = (size_t)columns_of(work, grid);
+    columns += columns == 0; /* such a grid has no index to ask for */
     *x = grid % work->spacing + (int)(index % columns) * work->spacing;
     *y = grid / work->spacing + (int)(index / columns) * work->spacing;
 }
@@ -207,14 +209,24 @@ static int allocate(const struct nacre_scan_info *info, const struct plan *plan,
     return NACRE_OK;
 }
 
+/* Whether the open file is still the one of that name: a program that was at its end may have removed it. */
+static bool is_named(const struct work *work)
+{
+    struct stat ours;
+    struct stat named;
+    return fstat(work->file, &ours) == 0 && stat(work->path, &named) == 0 &&
+           ours.st_dev == named.st_dev && ours.st_ino == named.st_ino;
+}
+
 static int open_locked(struct work *work, struct nacre_error *error)
 {
     work->file = open(work->path, O_RDWR | O_CREAT | O_CLOEXEC, 0666);
     if (work->file < 0) {
         return nacre_fail_errno(error, errno, "%s: cannot make the work file", work->path);
     }
-    if (flock(work->file, LOCK_EX | LOCK_NB) != 0) {
-        int number = errno;
+    bool locked = flock(work->file, LOCK_EX | LOCK_NB) == 0;
+    if (!locked || !is_named(work)) {
+        int number = locked ? EWOULDBLOCK : errno;
         (void)close(work->file); /* it is another's */
         work->file = -1;
         return number == EWOULDBLOCK
@@ -330,13 +342,4 @@ bool work_close(struct work *work, bool keep)
     }
     destroy(work, keep && any);
     return keep && any;
-}
-
-void work_remove(const char *output)
-{
-    char *path = path_of(output);
-    if (path) {
-        (void)unlink(path); /* nothing is lost if it stays */
-    }
-    free(path);
 }

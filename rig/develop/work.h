@@ -46,9 +46,6 @@ int work_read_point(const struct work *work, int x, int y, float *response, bool
 /* Close; the file stays only where `keep` and something is in it, which is told. NULL is allowed. */
 bool work_close(struct work *work, bool keep);
 
-/* Remove the work file that a stopped development of `output` left. */
-void work_remove(const char *output);
-
 /* A number for bytes that goes on from `key`: the same bytes, the same number. */
 uint64_t work_key(uint64_t key, const void *bytes, size_t size);
 

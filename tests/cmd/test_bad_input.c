@@ -39,6 +39,9 @@ static char *input(const char *name)
     return keep(path_join(inputs, name));
 }
 
+/* The one file that may be left, and then must: what was developed before a failure, for --resume. NULL: none. */
+static const char *work_left;
+
 static char *output(const char *name)
 {
     return keep(path_join(folder, name));
@@ -51,6 +54,7 @@ void setUp(void)
 
 void tearDown(void)
 {
+    work_left = NULL;
     if (mounted) {
         mounts_remove(mounted);
         mounted = NULL;
@@ -72,18 +76,20 @@ static int count_lines(const char *text)
 }
 
 /* The program with these arguments must end with `status` and a message that holds `named`, and leave the case's
- * folder as it is. Behind wrong usage a second line names --help. */
+ * folder as it is, but for `work_left`. Behind wrong usage a second line names --help. */
 static void refuses_under(const struct circumstances *around, int status, const char *named,
                           const char *const *arguments)
 {
     char *before = folder_describe(folder);
     struct spawned run = spawn(arguments, around);
+    int removed = work_left ? unlink(work_left) : 0;
     char *after = folder_describe(folder);
     TEST_ASSERT_EQUAL_INT_MESSAGE(status, run.status, run.errors);
     TEST_ASSERT_EQUAL_INT_MESSAGE(status == WRONG_USAGE ? 2 : 1, count_lines(run.errors),
                                   run.errors);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run.errors, named), run.errors);
     TEST_ASSERT_EQUAL_STRING("", run.output);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(0, removed, work_left);
     TEST_ASSERT_EQUAL_STRING(before, after);
     spawned_finish(&run);
     free(before);
@@ -262,6 +268,7 @@ static void a_frame_cut_in_the_middle_is_refused(void)
     char *whole = input("whole-frame");
     TEST_ASSERT_EQUAL_INT(0, rename(frame, whole));
     made_truncate(whole, frame, 0.5);
+    work_left = output("out.exr.work"); /* of grids 0 to 6 */
     REFUSES(FAILED, "000007.exr", "develop", input("session"), "-o", output("out.exr"));
     TEST_ASSERT_EQUAL_INT(0, rename(whole, frame));
 }
@@ -411,7 +418,10 @@ static void a_full_disk_leaves_what_was_there(void)
     const struct circumstances *around = can_mount ? NULL : &limited;
     char *exr = keep(path_join(below, "out.exr"));
     char *html = keep(path_join(below, "out.html"));
+    /* A mounted disk holds the first grids. */
+    work_left = can_mount ? keep(path_join(below, "out.exr.work")) : NULL;
     REFUSES_UNDER(around, FAILED, exr, "develop", input("session"), "-o", exr);
+    work_left = NULL;
     REFUSES_UNDER(around, FAILED, exr, "simulate", input("sample.yaml"), "-o", exr, "--window",
                   "11");
     REFUSES_UNDER(around, FAILED, html, "report", input("scan.exr"), input("material.exr"), "-o",

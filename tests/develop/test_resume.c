@@ -210,6 +210,65 @@ static void frames_measured_again_are_developed_again(void)
     free(path);
 }
 
+/* A frame file that is no frame file, until it is put back. */
+static char *spoil_grid(int number, bool spoilt)
+{
+    struct session session = {.path = session_path};
+    char *path = session_pattern_path(&session, (struct pattern){PATTERN_GRID, number});
+    char *kept = NULL;
+    TEST_ASSERT_TRUE(asprintf(&kept, "%s.kept", path) > 0);
+    if (spoilt) {
+        TEST_ASSERT_EQUAL_INT(0, rename(path, kept));
+        TEST_ASSERT_EQUAL_INT(0, close(creat(path, 0666)));
+    } else {
+        TEST_ASSERT_EQUAL_INT(0, rename(kept, path));
+    }
+    free(kept);
+    return path;
+}
+
+static void damaged_frame_loses_nothing_that_was_developed(void)
+{
+    struct develop_options options = usual;
+    options.resume = false;
+    char *path = spoil_grid(40, true);
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED,
+                          develop_session(session_path, &options, scan_path, NULL, NULL, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, path), error.text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "--resume"), error.text);
+    free(path);
+    free(spoil_grid(40, false));
+    TEST_ASSERT_EQUAL_INT(40, finish(&usual)); /* grids are taken in order */
+}
+
+static void full_disk_loses_nothing_that_was_developed(void)
+{
+    const struct rlimit limit = {24 + GRIDS * 64 + POINTS * RESPONSE_BYTES / 2, RLIM_INFINITY};
+    const struct rlimit none = {RLIM_INFINITY, RLIM_INFINITY};
+    void (*before)(int) = signal(SIGXFSZ, SIG_IGN); /* writing fails instead */
+    TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_FSIZE, &limit));
+    int status = develop_session(session_path, &usual, scan_path, NULL, NULL, &error);
+    TEST_ASSERT_EQUAL_INT(0, setrlimit(RLIMIT_FSIZE, &none));
+    (void)signal(SIGXFSZ, before);
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, status);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "cannot write the work file"), error.text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "--resume"), error.text);
+    int taken_over = finish(&usual);
+    TEST_ASSERT_TRUE(taken_over > 0.4 * GRIDS && taken_over < 0.52 * GRIDS);
+}
+
+static void development_done_once_leaves_nothing(void)
+{
+    struct develop_options options = usual;
+    options.once = true;
+    free(spoil_grid(40, true));
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED,
+                          develop_session(session_path, &options, scan_path, NULL, NULL, &error));
+    TEST_ASSERT_NULL_MESSAGE(strstr(error.text, "--resume"), error.text);
+    TEST_ASSERT_FALSE(exists(work_path));
+    free(spoil_grid(40, false));
+}
+
 static void two_at_once_are_refused(void)
 {
     die_after(0.5);
@@ -247,6 +306,9 @@ int main(void)
     RUN_TEST(other_options_are_refused_and_lose_nothing);
     RUN_TEST(damaged_responses_are_developed_again);
     RUN_TEST(frames_measured_again_are_developed_again);
+    RUN_TEST(damaged_frame_loses_nothing_that_was_developed);
+    RUN_TEST(full_disk_loses_nothing_that_was_developed);
+    RUN_TEST(development_done_once_leaves_nothing);
     RUN_TEST(two_at_once_are_refused);
     free(truth);
     free(session_path);
