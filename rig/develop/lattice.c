@@ -11,6 +11,15 @@ enum { DOTS_NEEDED = 9, UNKNOWN = -1 };
 /* A neighbour is looked for within this share of the spacing around where the last step would put it. */
 static const double reach_share = 0.25;
 
+/* The middle dot's nearest neighbour may be that much farther or nearer than is usual: half of the 41 % to the diagonal one,
+ * which would be taken for it where all four between are lost. */
+static const double usual_share = 0.2;
+
+/* Beyond these a lattice is not square: one of triangles has a cosine of 0.5, and points that are 25 % longer than wide no
+ * projector has. */
+static const double square_cosine = 0.25;
+static const double square_ratio = 1.25;
+
 /* Robust deviations beyond which a dot is not of the lattice, and the distance, in spacings, that never is too far. */
 static const double reject_deviations = 4;
 static const double reject_floor = 1e-3;
@@ -47,14 +56,35 @@ static long nearest(const struct point *dots, size_t count, struct point place, 
     return found;
 }
 
-static long nearest_to_middle(const struct point *dots, size_t count)
+static int compare_doubles(const void *a, const void *b)
+{
+    double x = *(const double *)a;
+    double y = *(const double *)b;
+    return (x > y) - (x < y);
+}
+
+/* The dot nearest to the middle of those whose neighbours are as near as is usual. `gaps` holds 2 count. */
+static long find_start(const struct point *dots, size_t count, double *gaps)
 {
     struct point middle = {0, 0};
+    double *sorted = gaps + count;
+    double least = INFINITY;
+    long found = 0;
     for (size_t i = 0; i < count; i++) {
         middle.x += dots[i].x / (double)count;
         middle.y += dots[i].y / (double)count;
+        gaps[i] = length(minus(dots[nearest(dots, count, dots[i], INFINITY, (long)i)], dots[i]));
     }
-    return nearest(dots, count, middle, INFINITY, UNKNOWN);
+    memcpy(sorted, gaps, count * sizeof *sorted);
+    qsort(sorted, count, sizeof *sorted, compare_doubles);
+    for (size_t i = 0; i < count; i++) {
+        double distance = length(minus(dots[i], middle));
+        if (fabs(gaps[i] / sorted[count / 2] - 1) < usual_share && distance < least) {
+            least = distance;
+            found = (long)i;
+        }
+    }
+    return found;
 }
 
 /* Two neighbours of the dot that lie across each other: the nearest, and of those about as far the squarest. */
@@ -121,13 +151,6 @@ static void walk(const struct point *dots, size_t count, long start, struct node
     }
 }
 
-static int compare_doubles(const void *a, const void *b)
-{
-    double x = *(const double *)a;
-    double y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 static int fit(struct point_pair *pairs, size_t count, double spacing, double *scratch,
                struct homography *map, struct nacre_error *error)
 {
@@ -173,6 +196,24 @@ static int fail_few(size_t dots, struct nacre_error *error)
                       dots, DOTS_NEEDED);
 }
 
+/* Rows and columns as long as each other, and across each other, where the walk began. */
+static int check_square(const struct homography *map, struct nacre_error *error)
+{
+    struct point across = minus(homography_apply(map, (struct point){0.5, 0}),
+                                homography_apply(map, (struct point){-0.5, 0}));
+    struct point down = minus(homography_apply(map, (struct point){0, 0.5}),
+                              homography_apply(map, (struct point){0, -0.5}));
+    double ratio = length(across) / length(down);
+    double cosine = (across.x * down.x + across.y * down.y) / (length(across) * length(down));
+    return fabs(cosine) < square_cosine && ratio < square_ratio && ratio > 1 / square_ratio
+               ? NACRE_OK
+               : nacre_fail(error,
+                            "the target's dots lie in no square lattice: they are %.2g times as "
+                            "far apart in one direction as in the other, at %.0f degrees; use a "
+                            "target whose rows and columns are alike",
+                            ratio, acos(cosine) * 180 / M_PI);
+}
+
 int lattice_find(const struct point *dots, size_t count, struct lattice *lattice,
                  struct nacre_error *error)
 {
@@ -181,7 +222,7 @@ int lattice_find(const struct point *dots, size_t count, struct lattice *lattice
     struct node *nodes = calloc(count + 1, sizeof *nodes);
     long *queue = malloc((count + 1) * sizeof *queue);
     struct point_pair *pairs = malloc((count + 1) * sizeof *pairs);
-    double *scratch = malloc((count + 1) * sizeof *scratch);
+    double *scratch = malloc(2 * (count + 1) * sizeof *scratch);
     *lattice = (struct lattice){.dots = 0};
     if (!nodes || !queue || !pairs || !scratch) {
         status = nacre_fail_memory(error, "the target's dots");
@@ -191,7 +232,7 @@ int lattice_find(const struct point *dots, size_t count, struct lattice *lattice
         status = fail_few(count, error);
         goto out;
     }
-    long start = nearest_to_middle(dots, count);
+    long start = find_start(dots, count, scratch);
     nodes[start].known = true;
     if (!find_basis(dots, count, start, &nodes[start])) {
         status = fail_few(1, error);
@@ -208,7 +249,8 @@ int lattice_find(const struct point *dots, size_t count, struct lattice *lattice
                                 : fit(pairs, used, spacing, scratch, &lattice->map, error);
     if (status == NACRE_OK) {
         note_spread(pairs, used, lattice);
-        status = lattice->dots < DOTS_NEEDED ? fail_few(lattice->dots, error) : NACRE_OK;
+        status = lattice->dots < DOTS_NEEDED ? fail_few(lattice->dots, error)
+                                             : check_square(&lattice->map, error);
     }
 out:
     free(nodes);

@@ -33,8 +33,9 @@ static size_t lay_dots(double angle, double noise, struct point *dots)
 {
     struct made_random random = {7};
     for (int i = 0; i < COLUMNS * ROWS; i++) {
+        int row = i / COLUMNS;
         double x = 5 * (i % COLUMNS - 3);
-        double y = 5 * (i / COLUMNS - 2.5);
+        double y = 5 * (row - 2.5);
         double w = 1 + 0.002 * x - 0.001 * y;
         dots[i].x = 20 + (cos(angle) * x - sin(angle) * y) / w + noise * made_normal(&random);
         dots[i].y = 18 + (sin(angle) * x + cos(angle) * y) / w + noise * made_normal(&random);
@@ -68,6 +69,58 @@ static void dots_beside_the_lattice_are_left_out(void)
     TEST_ASSERT_EQUAL_UINT(COLUMNS * ROWS - 1, lattice.dots);
     /* 0.01 in each axis, of which 8 of 82 coordinates are taken up: known to 1 / sqrt(2 * 74), times 4. */
     TEST_ASSERT_DOUBLE_WITHIN(0.0134 * 4 * 0.082, 0.01 * sqrt(2 * 74 / 82.0), lattice.rms);
+}
+
+/* The dots that are not lost, in place of all; how many. */
+static size_t keep_dots(struct point *dots, size_t count, const size_t *lost, size_t lost_count)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < count; i++) {
+        bool is_lost = false;
+        for (size_t k = 0; k < lost_count; k++) {
+            is_lost = is_lost || lost[k] == i;
+        }
+        if (!is_lost) {
+            dots[kept++] = dots[i];
+        }
+    }
+    return kept;
+}
+
+static void diagonals_are_not_taken_for_rows_where_neighbours_are_lost(void)
+{
+    struct point dots[COLUMNS * ROWS];
+    struct lattice lattice;
+    /* All four neighbours of the dot in the middle, number 3 of rows 2 and 3: its nearest is then a diagonal one. */
+    const size_t lost[] = {3 * COLUMNS + 2, 3 * COLUMNS + 4, 2 * COLUMNS + 3, 4 * COLUMNS + 3};
+    size_t count = keep_dots(dots, lay_dots(0.3, 0, dots), lost, 4);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, lattice_find(dots, count, &lattice, &error),
+                                  error.text);
+    /* All but the lonely dot, which is reached from nowhere. */
+    TEST_ASSERT_EQUAL_UINT(count - 1, lattice.dots);
+    struct point a = homography_apply(&lattice.map, (struct point){0, 0});
+    struct point b = homography_apply(&lattice.map, (struct point){1, 0});
+    /* 5, but for the perspective: 1 + 0.002 15 + 0.001 12.5 at most, squared along the row. */
+    TEST_ASSERT_DOUBLE_WITHIN(0.09 * 5, 5, hypot(b.x - a.x, b.y - a.y));
+}
+
+static void lattices_that_are_not_square_are_refused(void)
+{
+    const struct {
+        double shear, stretch;
+    } cases[] = {{0.5, 0.866}, {0, 1.4}}; /* triangles; oblongs */
+    for (size_t k = 0; k < sizeof cases / sizeof *cases; k++) {
+        struct point dots[COLUMNS * ROWS];
+        struct lattice lattice;
+        for (int i = 0; i < COLUMNS * ROWS; i++) {
+            int row = i / COLUMNS;
+            /* A little off, so that rows at 60 degrees pass for rows. */
+            dots[i].x = 5 * (i % COLUMNS + (cases[k].shear - 0.01) * row);
+            dots[i].y = 5 * cases[k].stretch * row;
+        }
+        TEST_ASSERT_EQUAL_INT(NACRE_FAILED, lattice_find(dots, COLUMNS * ROWS, &lattice, &error));
+        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "no square lattice"), error.text);
+    }
 }
 
 static void too_few_dots_are_refused(void)
@@ -124,7 +177,8 @@ static void draw_target(bool dots)
     TEST_ASSERT_EQUAL_INT(NACRE_OK, picture_allocate(&picture, 18 * PER_MM, 15 * PER_MM, &error));
     for (int i = 0; i < picture.width * picture.height; i++) {
         double x = (i % picture.width + 0.5) / PER_MM - 8.7;
-        double y = ((double)(i / picture.width) + 0.5) / PER_MM - 7.9;
+        int row = i / picture.width;
+        double y = (row + 0.5) / PER_MM - 7.9;
         double u = cos(0.14) * x + sin(0.14) * y;
         double v = cos(0.14) * y - sin(0.14) * x;
         double across = u - SPACING_MM * round(u / SPACING_MM);
@@ -234,6 +288,8 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(lattice_is_found_at_every_turn);
     RUN_TEST(dots_beside_the_lattice_are_left_out);
+    RUN_TEST(diagonals_are_not_taken_for_rows_where_neighbours_are_lost);
+    RUN_TEST(lattices_that_are_not_square_are_refused);
     RUN_TEST(too_few_dots_are_refused);
     RUN_TEST(pitch_of_a_printed_target_is_true_to_a_third_of_a_percent);
     RUN_TEST(sheet_without_dots_is_refused);
