@@ -107,13 +107,17 @@ static void developed_scan_is_close_to_the_exact_responses(void)
 
 static void fit_is_nearer_than_area_and_malvar(void)
 {
-    /* The default is the one with the least error: the others blur a steep response over straddling pixels. */
+    /* The default is the one with the least error: the others blur a steep response over straddling pixels. One that sees
+     * the share f of a point and 1 - f of the next counts by f for the former: across each of a point's four edges the mean of
+     * f (1 - f), 1/6, of a pixel's 1/4.4 passes, 0.038. A lit point of 1 among neighbours of e^(-1 / 0.55) = 0.16 loses 0.152
+     * and gets back 0.024; each neighbour gets some 0.02: sqrt(0.128^2 + 4 0.02^2) / sqrt(1 + 4 0.16^2) = 0.13. With five
+     * pixels of red or blue a point instead of many, and with what Malvar's filters do to that, it may be twice that or half. */
     for (int demosaic = DEMOSAIC_AREA; demosaic <= DEMOSAIC_MALVAR; demosaic++) {
         struct develop_options options = usual;
         options.demosaic = (enum demosaic)demosaic;
         (void)develop(&options);
         struct comparison found = compare();
-        TEST_ASSERT_TRUE(found.error > 0.05 && found.error < 0.25);
+        TEST_ASSERT_TRUE(found.error > 0.065 && found.error < 0.25);
     }
 }
 
