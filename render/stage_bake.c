@@ -13,8 +13,9 @@ struct exchange {
     const struct opencl *opencl;
     struct render_report *report;
     struct reflector *reflectors; /* of each object: what left it last */
-    float (**leaving)[3];         /* of each object: what leaves it now, per vertex */
-    float (**left)[3];            /* behind reflectors[].radiosity */
+    size_t *first;                /* of each object's vertices in the lists below */
+    float (*leaving)[3];          /* what leaves each vertex now */
+    float (*left)[3];             /* behind reflectors[].radiosity */
 };
 
 static double seconds_since(int64_t start_ns)
@@ -149,14 +150,14 @@ static int begin_exchange(struct exchange *exchange, struct nacre_error *error)
     for (size_t i = 0; status == NACRE_OK && i < stage->scene->object_count; i++) {
         const struct stage_object *object = &stage->objects[i];
         size_t count = object->mesh.vertex_count;
+        float(*left)[3] = exchange->left + exchange->first[i];
         if (object->translucent) {
-            add_to(exchange->left[i], object->light, count);
+            add_to(left, object->light, count);
             continue;
         }
-        status =
-            bake_plain(stage, i, &lighting, PLAIN_HARD, exchange->left[i], exchange->report, error);
-        add_to(exchange->left[i], object->light, count);
-        reflect(&stage->scene->objects[i], exchange->left[i], count);
+        status = bake_plain(stage, i, &lighting, PLAIN_HARD, left, exchange->report, error);
+        add_to(left, object->light, count);
+        reflect(&stage->scene->objects[i], left, count);
     }
     return status;
 }
@@ -172,7 +173,7 @@ static int exchange_once(struct exchange *exchange, int bounce, struct nacre_err
     lighting.seed += (uint64_t)bounce * UINT64_C(0x9e3779b97f4a7c15);
     for (size_t i = 0; status == NACRE_OK && i < stage->scene->object_count; i++) {
         struct stage_object *object = &stage->objects[i];
-        float(*now)[3] = exchange->leaving[i];
+        float(*now)[3] = exchange->leaving + exchange->first[i];
         size_t count = object->mesh.vertex_count;
         memset(now, 0, count * sizeof *now);
         if (object->translucent && stage->settings->bake.photons == 0) {
@@ -185,11 +186,11 @@ static int exchange_once(struct exchange *exchange, int bounce, struct nacre_err
             reflect(&stage->scene->objects[i], now, count);
         }
     }
+    float(*now)[3] = exchange->leaving;
+    exchange->leaving = exchange->left;
+    exchange->left = now;
     for (size_t i = 0; i < stage->scene->object_count; i++) {
-        float(*now)[3] = exchange->leaving[i];
-        exchange->leaving[i] = exchange->left[i];
-        exchange->left[i] = now;
-        exchange->reflectors[i].radiosity = (const float(*)[3])now;
+        exchange->reflectors[i].radiosity = (const float(*)[3])(now + exchange->first[i]);
     }
     return status;
 }
@@ -198,23 +199,23 @@ static int exchange_new(struct exchange *exchange, struct nacre_error *error)
 {
     const struct stage *stage = exchange->stage;
     size_t objects = stage->scene->object_count;
-    exchange->leaving = calloc(objects + 1, sizeof *exchange->leaving);
-    exchange->left = calloc(objects + 1, sizeof *exchange->left);
+    size_t vertices = 0;
+    for (size_t i = 0; i < objects; i++) {
+        vertices += stage->objects[i].mesh.vertex_count;
+    }
+    exchange->leaving = calloc(vertices + 1, sizeof *exchange->leaving);
+    exchange->left = calloc(vertices + 1, sizeof *exchange->left);
+    exchange->first = calloc(objects + 1, sizeof *exchange->first);
     exchange->reflectors = calloc(objects + 1, sizeof *exchange->reflectors);
-    if (!exchange->leaving || !exchange->left || !exchange->reflectors) {
+    if (!exchange->leaving || !exchange->left || !exchange->first || !exchange->reflectors) {
         return nacre_fail_memory(error, "the light between objects");
     }
     for (size_t i = 0; i < objects; i++) {
         const struct stage_object *object = &stage->objects[i];
-        size_t count = object->mesh.vertex_count;
-        exchange->leaving[i] = calloc(count + 1, sizeof *exchange->leaving[i]);
-        exchange->left[i] = calloc(count + 1, sizeof *exchange->left[i]);
-        if (!exchange->leaving[i] || !exchange->left[i]) {
-            return nacre_fail_memory(error, "the light between objects");
-        }
+        exchange->first[i + 1] = exchange->first[i] + object->mesh.vertex_count;
         exchange->reflectors[i] = (struct reflector){
             .mesh = &object->mesh,
-            .radiosity = (const float(*)[3])exchange->left[i],
+            .radiosity = (const float(*)[3])(exchange->left + exchange->first[i]),
             .albedo = object->albedo,
             .mapping = object->translucent ? &object->mapping : NULL,
         };
@@ -226,16 +227,9 @@ static int exchange_new(struct exchange *exchange, struct nacre_error *error)
 
 static void exchange_finish(struct exchange *exchange)
 {
-    for (size_t i = 0; i < exchange->stage->scene->object_count; i++) {
-        if (exchange->leaving) {
-            free(exchange->leaving[i]);
-        }
-        if (exchange->left) {
-            free(exchange->left[i]);
-        }
-    }
     free(exchange->leaving);
     free(exchange->left);
+    free(exchange->first);
     free(exchange->reflectors);
 }
 
@@ -261,7 +255,7 @@ static int find_albedos(struct stage *stage, struct nacre_error *error)
 static int bake_with_bounces(struct stage *stage, const struct opencl *opencl,
                              struct render_report *report, struct nacre_error *error)
 {
-    struct exchange exchange = {stage, opencl, report, NULL, NULL, NULL};
+    struct exchange exchange = {.stage = stage, .opencl = opencl, .report = report};
     struct lighting lighting = lighting_of(stage);
     bool photons = stage->settings->bake.photons > 0;
     int status = photons ? find_albedos(stage, error) : NACRE_OK;

@@ -202,7 +202,7 @@ static void dark_surround_is_not_dead(void)
 static void lit_area_that_ends_at_the_side_of_the_frame_is_not_dead(void)
 {
     for (int i = 0; i < PIXELS; i++) {
-        light[i] *= i % WIDTH >= 0.05 * (i / WIDTH - 20) ? 1 : 0;
+        light[i] *= 20 * (i % WIDTH) >= i / WIDTH - 20 ? 1 : 0;
     }
     light[10 * WIDTH + 2] = 0;
     judge(0);

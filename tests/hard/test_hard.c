@@ -275,11 +275,12 @@ static void a_hard_case_stays_stable_with_a_kernel_per_term(void)
     bench_succeed(factorize_responses(&responses, 1, &options, &opencl, NULL, &m, &summary, &error),
                   &error);
     size_t points = (size_t)m.width * (size_t)m.height;
-    for (size_t i = 0; i < points * (size_t)(m.terms * m.factor_channels); i++) {
+    for (size_t i = 0; i < points * (size_t)m.terms * (size_t)m.factor_channels; i++) {
         TEST_ASSERT_TRUE(isfinite(m.f[i]) && m.f[i] >= 0);
         TEST_ASSERT_TRUE(!m.h || (isfinite(m.h[i]) && m.h[i] >= 0));
     }
-    for (size_t i = 0; i < (size_t)(m.terms * m.channels * m.window * m.window); i++) {
+    for (size_t i = 0;
+         i < (size_t)m.terms * (size_t)m.channels * (size_t)m.window * (size_t)m.window; i++) {
         TEST_ASSERT_TRUE(isfinite(m.kernels[i]) && m.kernels[i] >= 0);
     }
     for (size_t i = 1; i < m.history_count; i++) {

@@ -38,7 +38,8 @@ static void print(const struct stage *stage, const struct render_report *report)
         light_work_add(&work, &counts->work);
         gather.receivers += counts->gather.receivers;
         gather.samples += counts->gather.samples;
-        gather.lookups += counts->gather.lookups;
+        gather.points += counts->gather.points;
+        gather.squares += counts->gather.squares;
     }
     printf("shadows: %" PRIu64 "\n", work.shadow_rays);
     printf("projected picture: %" PRIu64 "\n", work.lookups[LOOKUP_SLIDE]);
@@ -47,7 +48,8 @@ static void print(const struct stage *stage, const struct render_report *report)
     printf("Fresnel transmission: %" PRIu64 "\n", work.transmittances);
     printf("subsurface scattering: %" PRIu64 "\n", gather.receivers);
     printf("gathered samples: %" PRIu64 "\n", gather.samples);
-    printf("gather lookups: %" PRIu64 "\n", gather.lookups);
+    printf("gathered points: %" PRIu64 "\n", gather.points);
+    printf("gathered squares: %" PRIu64 "\n", gather.squares);
     printf("light: %016" PRIx64 "\n", hash_light(stage));
 }
 
