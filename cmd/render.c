@@ -178,15 +178,15 @@ static int print_json(const struct render_options *settings, const struct render
         const struct render_object_report *o = &report->objects[i];
         (void)json_array_append_new(
             objects,
-            json_pack("{s:I, s:I, s:I, s:I, s:I, s:b, s:I, s:I, s:I, s:f, s:[f, f, f], s:b}",
-                      "vertices", (json_int_t)o->vertices, "triangles", (json_int_t)o->triangles,
-                      "degenerate", (json_int_t)o->degenerate, "open_edges",
-                      (json_int_t)o->open_edges, "crowded_edges", (json_int_t)o->crowded_edges,
-                      "translucent", o->translucent, "samples", (json_int_t)o->counts.samples,
-                      "pairs", (json_int_t)(o->counts.gather.points + o->counts.gather.squares),
-                      "rays", (json_int_t)rays_of(&o->counts.work), "point_mm", o->point_mm,
-                      "stretch", o->stretch[0], o->stretch[1], o->stretch[2], "limited",
-                      o->limited));
+            json_pack(
+                "{s:I, s:I, s:I, s:I, s:I, s:b, s:I, s:I, s:I, s:f, s:[f, f, f], s:b}", "vertices",
+                (json_int_t)o->vertices, "triangles", (json_int_t)o->triangles, "degenerate",
+                (json_int_t)o->degenerate, "open_edges", (json_int_t)o->open_edges, "crowded_edges",
+                (json_int_t)o->crowded_edges, "translucent", o->translucent, "samples",
+                (json_int_t)o->counts.samples, "pairs",
+                (json_int_t)o->counts.gather.points + (json_int_t)o->counts.gather.squares, "rays",
+                (json_int_t)rays_of(&o->counts.work), "point_mm", o->point_mm, "stretch",
+                o->stretch[0], o->stretch[1], o->stretch[2], "limited", o->limited));
     }
     return json_print(root, error);
 }

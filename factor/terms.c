@@ -414,8 +414,8 @@ static int prepare(struct terms *m, struct nacre_error *error)
     size_t area = (size_t)m->data->grid.window * (size_t)m->data->grid.window;
     m->equation_size = terms * (terms + 1) / 2 + terms;
     m->partials = malloc(2 * items * sizeof *m->partials);
-    m->sums = malloc(area * m->equation_size * sizeof *m->sums);
-    m->staged = malloc(area * terms * sizeof *m->staged);
+    m->sums = malloc((area * m->equation_size + 1) * sizeof *m->sums);
+    m->staged = malloc((area * terms + 1) * sizeof *m->staged);
     m->window = malloc(area * sizeof *m->window);
     if (!m->partials || !m->sums || !m->staged || !m->window) {
         return nacre_fail_memory(error, "the method");

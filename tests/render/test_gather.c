@@ -400,7 +400,7 @@ static void check_bound(struct mesh mesh, const struct scene_material *settings,
 {
     size_t values = mesh.vertex_count * 3;
     stand = stand_make(&material, mesh, settings);
-    float(*exact)[3] = calloc(values, sizeof(float));
+    float(*exact)[3] = calloc(mesh.vertex_count, sizeof *exact);
     float *bounds = calloc(values, sizeof(float));
     TEST_ASSERT_NOT_NULL(exact);
     TEST_ASSERT_NOT_NULL(bounds);
