@@ -413,7 +413,7 @@ static int prepare(struct terms *m, struct nacre_error *error)
     size_t lanes = (size_t)m->data->copies[0].lanes;
     size_t area = (size_t)m->data->grid.window * (size_t)m->data->grid.window;
     m->equation_size = terms * (terms + 1) / 2 + terms;
-    m->partials = malloc(2 * items * sizeof *m->partials);
+    m->partials = malloc((2 * items + 1) * sizeof *m->partials);
     m->sums = malloc((area * m->equation_size + 1) * sizeof *m->sums);
     m->staged = malloc((area * terms + 1) * sizeof *m->staged);
     m->window = malloc(area * sizeof *m->window);
