@@ -31,7 +31,7 @@ static int build(struct terms *m, struct nacre_error *error)
     static const char *const names[TERMS_KERNEL_COUNT] = {"visit", "descend", "extrapolate",
                                                           "weigh"};
     const struct layout *l = &m->layouts[0];
-    const struct responses *r = l->problem->responses;
+    const struct responses *r = m->problems[0].responses;
     char options[128];
     (void)snprintf(options, sizeof options,
                    "-DLANES=%d -DTERMS=%d -DMASKED=%d -DHALF=%d -DCOLUMNS=%d", r->lanes,
@@ -477,7 +477,7 @@ static int start_set(struct terms *m, const struct problem *p, int index, struct
         status = layout_make_buffer(&m->layouts[0], m->curvature_floats * sizeof(float), NULL,
                                     false, &set->curvature, error);
     }
-    float *values = malloc(plane_floats(m) * sizeof *values);
+    float *values = malloc((plane_floats(m) + 1) * sizeof *values);
     if (!values) {
         return nacre_fail_memory(error, "the planes");
     }
@@ -507,7 +507,7 @@ int terms_new(const struct opencl *opencl, const struct problem *problem, struct
     }
     m->method.ops = &terms_ops;
     m->data = problem->data;
-    m->sides = problem->data->copy_count;
+    m->sides = problem->data->copy_count > 1 ? 2 : 1;
     for (int side = 0; side < m->sides && status == NACRE_OK; side++) {
         m->problems[side] = *problem;
         m->problems[side].responses = &problem->data->copies[side];
