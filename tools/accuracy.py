@@ -9,7 +9,6 @@ usage: accuracy.py NACRE HDR_TABLE [--write] [FOLDER]     (about three minutes o
 import json
 import os
 import re
-import shutil
 import subprocess
 import sys
 import tempfile
@@ -69,15 +68,29 @@ def scan(name):
         nacre('scan', name, '--station', f'{name}-station.yaml')
 
 
+def identity(name):
+    """The id that the frame files of a session carry, as many bytes for each session."""
+    with open(os.path.join(folder, name, 'session.yaml'), encoding='utf-8') as file:
+        return re.search(r'(?m)^id: *"?([0-9a-f]{16})', file.read())[1].encode()
+
+
+def replace_dots(name, source):
+    """Put the dots of the session `source` in place of those of `name`, as if they had been taken there."""
+    for file in os.listdir(os.path.join(folder, name, 'calibration')):
+        if file.startswith('dots'):
+            with open(os.path.join(folder, source, 'calibration', file), 'rb') as frame:
+                content = frame.read()
+            assert identity(source) in content, file
+            with open(os.path.join(folder, name, 'calibration', file), 'wb') as frame:
+                frame.write(content.replace(identity(source), identity(name)))
+
+
 def measure(name, *options, dots_of=None, **station):
     """Scan and develop with the effects of `station`; the dots patterns may be those of another session."""
     settings(name, **station)
     scan(name)
     if dots_of:
-        calibration = os.path.join(folder, name, 'calibration')
-        for file in os.listdir(calibration):
-            if file.startswith('dots'):
-                shutil.copy(os.path.join(folder, dots_of, 'calibration', file), os.path.join(calibration, file))
+        replace_dots(name, dots_of)
     return error_of(name, *options)
 
 
