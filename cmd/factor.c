@@ -14,7 +14,7 @@
 #include <unistd.h>
 
 struct factor_settings {
-    const char *output, *checkpoint;
+    const char *output, *checkpoint, *from;
     int model, reciprocal, kernels, planes, bits;
     int method, weight, terms, clusters, iterations, kernel, store, responses, seed;
     double tolerance, error, within, epsilon, regularise, checkpoint_every;
@@ -131,6 +131,12 @@ static const struct option_spec factor_options[] = {
      .sentence =
          "be done in this time, reading and writing included, with as small an error as can "
          "be had; together with --error, stop trying by then"},
+    {.name = "from",
+     .kind = OPTION_STRING,
+     .argument = "T/K/N,...",
+     .offset = offsetof(struct factor_settings, from),
+     .sentence = "start from a factorization of T terms and K clusters after N iterations, itself "
+                 "started from the one named before it, and so on"},
     {.name = "tolerance",
      .kind = OPTION_REAL,
      .argument = "E",
@@ -431,6 +437,32 @@ static int check_outputs(const struct factor_settings *s, struct nacre_error *er
     return status == NACRE_OK && s->checkpoint ? check_output(s->checkpoint, error) : status;
 }
 
+/* "4/5/10,8/5/10", in order. */
+static int parse_stages(const char *text, struct factor_stage stages[FACTOR_STAGES], int *count,
+                        struct nacre_error *error)
+{
+    const char *at = text;
+    *count = 0;
+    for (bool more = text != NULL; more;) {
+        struct factor_stage *stage = &stages[*count];
+        int length = 0;
+        if (*count == FACTOR_STAGES ||
+            sscanf(at, "%d/%d/%d%n", &stage->terms, &stage->clusters, &stage->iterations,
+                   &length) != 3 ||
+            (at[length] != ',' && at[length] != '\0')) {
+            (void)nacre_fail(error,
+                             "--from %s: give at most %d stages as TERMS/CLUSTERS/ITERATIONS, with "
+                             "commas between them, such as 4/5/10,8/5/10",
+                             text, FACTOR_STAGES);
+            return OPTIONS_WRONG_USAGE;
+        }
+        (*count)++;
+        more = at[length] == ',';
+        at += length + 1;
+    }
+    return NACRE_OK;
+}
+
 static int factor_run(const void *settings, const struct invocation *invocation,
                       struct nacre_error *error)
 {
@@ -443,13 +475,18 @@ static int factor_run(const void *settings, const struct invocation *invocation,
     struct factor_summary summary = {0};
     json_t *explained = s->explain && invocation->json ? json_array() : NULL;
     struct progress progress = progress_begin("factoring", invocation->quiet);
+    struct factor_stage stages[FACTOR_STAGES] = {{0}};
     int stopped = NACRE_OK;
+    options.stages = stages;
     options.clock = &clock;
     options.begun_ns = clock_now_ns(&clock);
     if (s->explain) {
         options.listener = (struct listener){explained ? keep_line : print_line, explained};
     }
-    int status = nacre_scan_open(invocation->operands[0], &scan, error);
+    int status = parse_stages(s->from, stages, &options.stage_count, error);
+    if (status == NACRE_OK) {
+        status = nacre_scan_open(invocation->operands[0], &scan, error);
+    }
     if (status == NACRE_OK) {
         status = check_outputs(s, error);
     }

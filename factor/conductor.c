@@ -119,14 +119,15 @@ static int warm_up(struct conductor *c, struct nacre_error *error)
 {
     struct attempt *a = &c->now;
     uint64_t seed = random_bits((uint64_t)c->options->seed, STREAM_GROWTH);
-    if (!c->best.ids) {
+    const struct factors *from = c->best.ids ? &c->best.factors : c->options->start;
+    if (!from) {
         return NACRE_OK;
     }
-    int status = factors_fit(&c->best.factors, seed, &a->factors, error);
+    int status = factors_fit(from, seed, &a->factors, error);
     if (status == NACRE_OK) {
         status = factors_write(&a->factors, a->method, error);
     }
-    return status == NACRE_OK ? attempt_inherit(a, &c->best, error) : status;
+    return status == NACRE_OK && c->best.ids ? attempt_inherit(a, &c->best, error) : status;
 }
 
 static int open_attempt(struct conductor *c, int terms, int clusters, struct nacre_error *error)
@@ -134,8 +135,8 @@ static int open_attempt(struct conductor *c, int terms, int clusters, struct nac
     struct attempt *a = &c->now;
     double begun = conductor_seconds(c);
     bool first = c->search.count == 0;
-    int status = attempt_begin(a, c->responses, &c->features, conductor_data(c), c->options, terms,
-                               clusters, error);
+    int status = attempt_begin(a, c->responses, &c->prepared->features, conductor_data(c),
+                               c->options, terms, clusters, error);
     c->now_is_open = true;
     if (status == NACRE_OK) {
         status = conductor_make_method(c, error);
@@ -167,8 +168,8 @@ static void close_attempt(struct conductor *c)
 
 static const char *ending_word(enum ending ending)
 {
-    static const char *const words[] = {"",         "iterations", "tolerance", "error",
-                                        "hopeless", "growth",     "time",      "request"};
+    static const char *const words[] = {"",       "iterations", "tolerance", "error",  "hopeless",
+                                        "growth", "time",       "request",   "watcher"};
     return words[ending];
 }
 
@@ -336,10 +337,31 @@ static int run_attempt(struct conductor *c, struct nacre_error *error)
     return stopped;
 }
 
+/* What the user wants to start from: one factorization after the other, each from the one before. */
+static int run_stages(struct conductor *c, struct nacre_error *error)
+{
+    const struct factor_options *o = c->options;
+    int status = NACRE_OK;
+    for (int i = 0; i < o->stage_count && status == NACRE_OK; i++) {
+        c->stage = &o->stages[i];
+        status = progress_step(c->progress, 0, 1, "clustering", error);
+        if (status == NACRE_OK) {
+            status = open_attempt(c, c->stage->terms, c->stage->clusters, error);
+        }
+        if (status == NACRE_OK) {
+            status = run_attempt(c, error);
+        }
+        c->search.count = 0; /* a stage is not what was asked for */
+    }
+    c->stage = NULL;
+    return status;
+}
+
 int conductor_run(struct conductor *c, struct nacre_error *error)
 {
-    int status = NACRE_OK, terms = 0, clusters = 0;
+    int terms = 0, clusters = 0;
     c->iterating_since = c->checkpoint_at = c->probed_at = conductor_seconds(c);
+    int status = run_stages(c, error);
     while (status == NACRE_OK && c->ending != ENDING_TIME) {
         if (!c->now_is_open) {
             if (!search_next(&c->search, &terms, &clusters)) {
@@ -371,7 +393,7 @@ void conductor_finish(struct conductor *c)
 {
     attempt_finish(&c->now);
     attempt_finish(&c->best);
-    features_finish(&c->features);
+    factor_prepared_finish(&c->own);
     terms_data_finish(&c->data);
     probe_finish(&c->probe);
     nacre_material_finish(&c->made);

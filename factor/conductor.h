@@ -19,6 +19,7 @@ enum ending {
     ENDING_GROWTH,     /* larger settings will bring more */
     ENDING_TIME,
     ENDING_REQUEST,
+    ENDING_WATCHER,
 };
 
 /* Iterations that an attempt must have time for to be worth opening. */
@@ -33,10 +34,9 @@ struct conductor {
     struct clock *clock;
     int64_t begun_ns;
 
-    struct terms_data data; /* with a kernel per term */
-    struct features features;
+    struct terms_data data;                /* with a kernel per term */
+    struct factor_prepared own, *prepared; /* prepared: the options' or own */
     struct probe probe;
-    struct quality quality;
     struct search search;
     struct attempt now, best; /* best: at rest; its ids are NULL while there is none */
     bool now_is_open;
@@ -45,9 +45,12 @@ struct conductor {
     struct nacre_material made; /* of `best`, where its error was verified */
     struct error_report made_report;
 
-    double iterating_since; /* seconds by conductor_seconds */
-    double iterated_before; /* before the checkpoint that was loaded */
-    double closing_pace;    /* measured seconds by closing cost, the slowest so far */
+    const struct factor_stage *stage; /* that runs now, or NULL */
+    double looking_seconds;           /* of the watcher */
+    double shared_seconds;            /* that prepared took in another run */
+    double iterating_since;           /* seconds by conductor_seconds */
+    double iterated_before;           /* before the checkpoint that was loaded */
+    double closing_pace;              /* measured seconds by closing cost, the slowest so far */
     double probed_at, probe_seconds;
     double checkpoint_at;
     char *identity; /* for checkpoints: scan and options */

@@ -43,6 +43,33 @@ void factor_summary_finish(struct factor_summary *summary)
     *summary = (struct factor_summary){0};
 }
 
+/* Stages lead up to settings that are known. */
+static int check_stages(const struct responses *r, const struct factor_options *o,
+                        struct nacre_error *error)
+{
+    if (o->error < 1 || o->seconds > 0 || o->checkpoint || o->terms == 0 ||
+        (o->model == FACTOR_MODEL_CLUSTERS && o->clusters == 0)) {
+        return nacre_fail(error,
+                          "--from needs --terms and --clusters, and goes with none of --error, "
+                          "--within and --checkpoint");
+    }
+    for (int i = 0; i < o->stage_count; i++) {
+        const struct factor_stage *stage = &o->stages[i];
+        int next = i + 1 < o->stage_count ? o->stages[i + 1].terms : o->terms;
+        bool has_clusters = o->model == FACTOR_MODEL_CLUSTERS || stage->clusters == 1;
+        if (stage->terms < 1 || stage->terms >= next || stage->clusters < 1 ||
+            (size_t)stage->clusters > r->measured_count || !has_clusters || stage->iterations < 1) {
+            return nacre_fail(
+                error,
+                "--from %d/%d/%d: terms must grow from stage to stage, clusters be at "
+                "most the measured points (1 with --model terms) and iterations 1 or "
+                "more",
+                stage->terms, stage->clusters, stage->iterations);
+        }
+    }
+    return NACRE_OK;
+}
+
 static int check(const struct responses *r, const struct factor_options *o,
                  struct nacre_error *error)
 {
@@ -65,6 +92,9 @@ static int check(const struct responses *r, const struct factor_options *o,
     if (o->regularise > 0 && o->method != FACTOR_METHOD_MU) {
         return nacre_fail(error, "--regularise belongs to the multiplicative updates: add "
                                  "--method mu");
+    }
+    if (o->stage_count > 0 && check_stages(r, o, error) != NACRE_OK) {
+        return NACRE_FAILED;
     }
     if (r->measured_count == 0) {
         return nacre_fail(error, "no surface point was measured; there is nothing to factor");
@@ -178,11 +208,12 @@ static void explain(const struct conductor *c)
     }
     explain_stops(c);
     tell(to, "error while iterating", "of %zu points", c->probe.count);
-    if (c->quality.pairs > 0) {
+    if (c->prepared->quality.pairs > 0) {
         tell(to, "noise",
              "about %.2g %% of a response, by %zu reciprocal pairs; beyond it these differ by %.2g "
              "%%",
-             100 * c->quality.floor, c->quality.pairs, 100 * c->quality.reciprocity);
+             100 * c->prepared->quality.floor, c->prepared->quality.pairs,
+             100 * c->prepared->quality.reciprocity);
     }
     if (c->continued) {
         tell(to, "continues", "from %s, after %d earlier tries and %d iterations", o->checkpoint,
@@ -200,6 +231,25 @@ static int begin_data(struct conductor *c, struct nacre_error *error)
         .separate = o->separate_planes && c->responses->channels > 1,
         .bits = o->bits};
     return terms_data_begin(&c->data, c->responses, &options, o->epsilon, error);
+}
+
+/* What does not depend on the settings: taken over from another run, or measured. */
+static int prepare(struct conductor *c, struct nacre_error *error)
+{
+    struct factor_prepared *p = c->options->prepared ? c->options->prepared : &c->own;
+    double begun = conductor_seconds(c);
+    c->prepared = p;
+    if (p->ready) {
+        c->shared_seconds = p->seconds;
+        return NACRE_OK;
+    }
+    int status = features_new(c->responses, &p->features, error);
+    if (status == NACRE_OK) {
+        status = quality_measure(c->responses, &p->quality, error);
+    }
+    p->ready = status == NACRE_OK;
+    p->seconds = conductor_seconds(c) - begun;
+    return status;
 }
 
 static int begin(struct conductor *c, struct nacre_error *error)
@@ -223,13 +273,10 @@ static int begin(struct conductor *c, struct nacre_error *error)
         }
     }
     begin_search(c);
-    status = features_new(c->responses, &c->features, error);
+    status = prepare(c, error);
     if (status == NACRE_OK) {
         status = probe_begin(&c->probe, c->responses, PROBE_POINTS,
                              random_bits((uint64_t)o->seed, STREAM_PROBE), error);
-    }
-    if (status == NACRE_OK) {
-        status = quality_measure(c->responses, &c->quality, error);
     }
     if (status == NACRE_OK) {
         status = conductor_resume(c, error);
@@ -259,7 +306,7 @@ static int complete(struct conductor *c, struct nacre_material *m, struct factor
         c->seconds_measuring += conductor_seconds(c) - begun;
     }
     if (status == NACRE_OK) {
-        status = quality_warn(&c->quality, c->options->error, m, error);
+        status = quality_warn(&c->prepared->quality, c->options->error, m, error);
     }
     if (status != NACRE_OK) {
         return status;
@@ -344,7 +391,7 @@ int factorize_responses(const struct responses *r, double pitch_mm, const struct
             conductor_seconds(&c) - c.seconds_clustering - c.seconds_measuring - begun;
         status = stopped == NACRE_CANCELLED && c.best.ids ? NACRE_OK : stopped;
     }
-    if (status == NACRE_OK) {
+    if (status == NACRE_OK && !o->watcher) {
         status = complete(&c, m, summary, error);
     }
     if (status == NACRE_OK) {

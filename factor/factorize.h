@@ -5,8 +5,10 @@
 #include "factor/error.h"
 #include "factor/kernels.h"
 #include "factor/method.h"
+#include "factor/prepared.h"
 #include "factor/search.h"
 #include "factor/tell.h"
+#include "factor/watch.h"
 
 #include "base/clock.h"
 #include "base/opencl.h"
@@ -45,6 +47,16 @@ struct method_maker {
     void *data;
 };
 
+/* A factorization with fewer terms that another starts from. */
+struct factor_stage {
+    int terms, clusters, iterations; /* clusters: 1 with a kernel per term */
+};
+
+/* As many as a run may go through. */
+enum { FACTOR_STAGES = 16 };
+
+struct factors;
+
 /* Where terms, clusters or iterations are 0, they are chosen: to hold `error` or to fill `seconds`, and without either
  * they are 12, 5 and 200. */
 struct factor_options {
@@ -76,6 +88,12 @@ struct factor_options {
     struct clock *clock;       /* of all time above; NULL: the system's */
     int64_t begun_ns; /* by that clock: when the command began; 0: when factorize is called */
     const struct method_maker *maker; /* NULL: by `method` */
+
+    const struct factor_stage *stages; /* [stage_count]: come first, with fewer terms each */
+    int stage_count;
+    const struct factors *start;      /* what the last stage left, instead of stages, or NULL */
+    struct factor_prepared *prepared; /* shared with other runs on the same responses, or NULL */
+    const struct factor_watcher *watcher; /* or NULL */
 };
 
 /* hals, 12 terms, 5 clusters, 200 iterations or tolerance 3e-3, average kernels, epsilon 1e-5. */

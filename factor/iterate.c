@@ -35,7 +35,8 @@ static bool fills_time(const struct conductor *c)
 
 static int iteration_limit(const struct conductor *c)
 {
-    return c->options->iterations      ? c->options->iterations
+    return c->stage                    ? c->stage->iterations
+           : c->options->iterations    ? c->options->iterations
            : conductor_has_deadline(c) ? INT_MAX
            : conductor_wants_error(c)  ? ERROR_LIMIT
                                        : CHOSEN_LIMIT;
@@ -101,6 +102,9 @@ static enum ending find_ending(const struct conductor *c)
     }
     if (done >= iteration_limit(c)) {
         return ENDING_ITERATIONS;
+    }
+    if (c->stage) {
+        return ENDING_NONE;
     }
     if (time_is_up(c)) {
         return ENDING_TIME;
@@ -242,6 +246,34 @@ static int save_when_due(struct conductor *c, struct nacre_error *error)
     return status;
 }
 
+/* Let the watcher look at what this iteration has left, if it is for it. */
+static int look(struct conductor *c, enum ending *ending, struct nacre_error *error)
+{
+    const struct factor_watcher *watcher = c->options->watcher;
+    struct attempt *a = &c->now;
+    struct factor_look look = {
+        .attempt = a, .iterations = attempt_iterations(a), .last = *ending != ENDING_NONE};
+    double begun = conductor_seconds(c), objective = 0;
+    bool stop = false;
+    if (!watcher || c->stage || !(look.last || watcher->wants(watcher->data, look.iterations))) {
+        return NACRE_OK;
+    }
+    look.seconds = begun - c->looking_seconds + c->shared_seconds;
+    if (look.iterations > 1) {
+        look.seconds -= fmax(0, a->first_seconds - 2 * a->step_seconds); /* compiling */
+    }
+    int status = attempt_advance(a, false, &objective, error);
+    if (status == NACRE_OK) {
+        status = factors_read(&a->factors, a->method, error);
+    }
+    if (status == NACRE_OK) {
+        status = watcher->look(watcher->data, &look, &stop, error);
+    }
+    *ending = stop && !look.last ? ENDING_WATCHER : *ending;
+    c->looking_seconds += conductor_seconds(c) - begun;
+    return status;
+}
+
 int conductor_iterate(struct conductor *c, enum ending *ending, struct nacre_error *error)
 {
     int status = NACRE_OK;
@@ -256,6 +288,7 @@ int conductor_iterate(struct conductor *c, enum ending *ending, struct nacre_err
         }
         if (status == NACRE_OK) {
             *ending = find_ending(c);
+            status = look(c, ending, error);
         }
     }
     if (status == NACRE_CANCELLED) {
