@@ -4,10 +4,10 @@
 int main(int argc, char **argv)
 {
     static const struct verb *const verbs[] = {
-        &verb_scan,   &verb_doctor,  &verb_start,    &verb_status,  &verb_pause,  &verb_resume,
-        &verb_cancel, &verb_confirm, &verb_simulate, &verb_develop, &verb_factor, &verb_error,
-        &verb_render, &verb_bake,    &verb_report,   &verb_devices, &verb_plan,   &verb_view,
-        NULL};
+        &verb_scan,   &verb_doctor,  &verb_start,   &verb_status,   &verb_pause,
+        &verb_resume, &verb_cancel,  &verb_confirm, &verb_simulate, &verb_develop,
+        &verb_factor, &verb_error,   &verb_render,  &verb_bake,     &verb_tradeoff,
+        &verb_report, &verb_devices, &verb_plan,    &verb_view,     NULL};
     static const struct program program = {
         .name = "nacre",
         .version = NACRE_VERSION,

@@ -47,6 +47,23 @@ void factors_finish(struct factors *factors)
     *factors = (struct factors){0};
 }
 
+static void copy(float *to, const float *from, size_t count)
+{
+    if (to && from) {
+        memcpy(to, from, count * sizeof *to);
+    }
+}
+
+void factors_copy(struct factors *to, const struct factors *from)
+{
+    size_t count = plane_of(from) * (size_t)from->terms;
+    for (int c = 0; c < from->channels; c++) {
+        copy(to->f[c], from->f[c], count);
+        copy(to->h[c], from->h[c], count);
+        copy(to->kernels[c], from->kernels[c], (size_t)from->terms * (size_t)from->numbers);
+    }
+}
+
 int factors_read(struct factors *factors, struct method *method, struct nacre_error *error)
 {
     int status = NACRE_OK;

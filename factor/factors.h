@@ -17,6 +17,9 @@ int factors_allocate(struct factors *factors, const struct problem *problem,
                      struct nacre_error *error);
 void factors_finish(struct factors *factors); /* zeroed ones are allowed */
 
+/* Copy factors of the same sizes. */
+void factors_copy(struct factors *to, const struct factors *from);
+
 /* Copy a method's factors, and give it these. */
 int factors_read(struct factors *factors, struct method *method, struct nacre_error *error);
 int factors_write(const struct factors *factors, struct method *method, struct nacre_error *error);

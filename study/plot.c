@@ -164,6 +164,16 @@ static void begin(FILE *page, const struct plot *plot)
     (void)fputs("</text>", page);
 }
 
+/* Above the dot, to its right: a front falls from the left to the right, which leaves room there. */
+static void write_label(FILE *page, const struct plot_series *series, size_t i, double x, double y)
+{
+    if (series->labels) {
+        (void)fprintf(page, "<text x=\"%.1f\" y=\"%.1f\">", x + 4, y - 4);
+        page_text(page, series->labels[i]);
+        (void)fputs("</text>", page);
+    }
+}
+
 static void write_series(FILE *page, const struct plot_series *series, const struct axis *x,
                          const struct axis *y)
 {
@@ -175,10 +185,12 @@ static void write_series(FILE *page, const struct plot_series *series, const str
                       series->colour);
     }
     for (size_t i = 0; i < series->count; i++) {
+        double radius = series->radius > 0 ? series->radius : 2;
         bool visible = shown(x, series->x[i]) && shown(y, series->y[i]) && series->y[i] >= y->least;
         if (visible && series->dots) {
-            (void)fprintf(page, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"2\" fill=\"%s\"/>",
-                          place(x, series->x[i]), place(y, series->y[i]), series->colour);
+            (void)fprintf(page, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"%g\" fill=\"%s\"/>",
+                          place(x, series->x[i]), place(y, series->y[i]), radius, series->colour);
+            write_label(page, series, i, place(x, series->x[i]), place(y, series->y[i]));
         } else if (visible) {
             (void)fprintf(page, "%c%.1f %.1f", drawing ? 'L' : 'M', place(x, series->x[i]),
                           place(y, series->y[i]));

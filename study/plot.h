@@ -9,8 +9,10 @@
 struct plot_series {
     const double *x, *y; /* NaN, and what a logarithmic axis cannot show, leave a gap */
     size_t count;
-    char colour[8]; /* "#rrggbb" */
-    bool dots;      /* instead of a line */
+    char colour[8];            /* "#rrggbb" */
+    bool dots;                 /* instead of a line */
+    double radius;             /* of dots; 0: 2 */
+    const char *const *labels; /* [count]: plain text above each dot, or NULL */
 };
 
 struct plot {

@@ -1,0 +1,311 @@
+/* The page of a study. */
+#include "study/tradeoff_page.h"
+
+#include "study/page.h"
+#include "study/palette.h"
+#include "study/plot.h"
+#include "study/tradeoff_front.h"
+
+#include <math.h>
+#include <stdlib.h>
+
+/* What points are coloured by. */
+static const struct kind {
+    enum factor_model model;
+    enum factor_method method;
+    enum factor_weight weight;
+    const char *name;
+} kinds[] = {
+    {FACTOR_MODEL_TERMS, FACTOR_METHOD_HALS, FACTOR_WEIGHT_RESPONSE,
+     "a kernel per term, weighted by responses"},
+    {FACTOR_MODEL_TERMS, FACTOR_METHOD_HALS, FACTOR_WEIGHT_KERNEL,
+     "a kernel per term, weighted by the mean response"},
+    {FACTOR_MODEL_CLUSTERS, FACTOR_METHOD_HALS, FACTOR_WEIGHT_RESPONSE,
+     "clusters, block coordinate descent, weighted by responses"},
+    {FACTOR_MODEL_CLUSTERS, FACTOR_METHOD_HALS, FACTOR_WEIGHT_KERNEL,
+     "clusters, block coordinate descent, weighted by kernels"},
+    {FACTOR_MODEL_CLUSTERS, FACTOR_METHOD_MU, FACTOR_WEIGHT_RESPONSE,
+     "clusters, multiplicative updates, weighted by responses"},
+    {FACTOR_MODEL_CLUSTERS, FACTOR_METHOD_MU, FACTOR_WEIGHT_KERNEL,
+     "clusters, multiplicative updates: the paper's method"},
+};
+
+enum { KINDS = sizeof kinds / sizeof *kinds, LABEL = 12 };
+
+/* The rows of the table: points of both fronts, the most exact first. */
+struct rows {
+    int count, points[TRADEOFF_POINTS], number[TRADEOFF_POINTS]; /* number: by point, 0: no row */
+};
+
+static int kind_of(const struct tradeoff *t, const struct tradeoff_point *p)
+{
+    const struct tradeoff_setting *s = &t->runs[p->run].setting;
+    for (int k = 0; k < KINDS; k++) {
+        if (kinds[k].model == s->model && kinds[k].weight == s->weight &&
+            (kinds[k].method == s->method || s->model == FACTOR_MODEL_TERMS)) {
+            return k;
+        }
+    }
+    return KINDS - 1;
+}
+
+static struct rows *list_rows(const struct tradeoff *t)
+{
+    struct rows *rows = calloc(1, sizeof *rows);
+    for (int i = 0; rows && i < t->point_count; i++) {
+        if (!t->points[i].quickest && !t->points[i].smallest) {
+            continue;
+        }
+        int at = rows->count++;
+        while (at > 0 && t->points[rows->points[at - 1]].error > t->points[i].error) {
+            rows->points[at] = rows->points[at - 1];
+            at--;
+        }
+        rows->points[at] = i;
+    }
+    for (int i = 0; rows && i < rows->count; i++) {
+        rows->number[rows->points[i]] = i + 1;
+    }
+    return rows;
+}
+
+/* The numbers of one plot. */
+struct drawing {
+    double x[2 * TRADEOFF_POINTS + 2], y[2 * TRADEOFF_POINTS + 2];
+    double all_x[TRADEOFF_POINTS], all_y[TRADEOFF_POINTS];
+    char texts[TRADEOFF_POINTS][LABEL];
+    const char *labels[TRADEOFF_POINTS];
+    struct plot_series series[2 * KINDS + 1];
+    size_t series_count;
+};
+
+/* The front as steps: what has been reached for this much. */
+static void draw_front(struct drawing *d, const struct tradeoff *t, enum tradeoff_cost cost)
+{
+    int indices[TRADEOFF_POINTS];
+    int count = tradeoff_front(t, cost, indices);
+    size_t length = 0;
+    for (int i = 0; i < count; i++) {
+        const struct tradeoff_point *p = &t->points[indices[i]];
+        double at = tradeoff_cost_of(p, cost) / (cost == TRADEOFF_BYTES ? 1024 : 1);
+        if (i > 0) {
+            d->x[length] = at;
+            d->y[length] = d->y[length - 1];
+            length++;
+        }
+        d->x[length] = at;
+        d->y[length++] = 100 * p->error;
+    }
+    d->series[d->series_count++] =
+        (struct plot_series){.x = d->x, .y = d->y, .count = length, .colour = "#8a929c"};
+}
+
+/* The points of a kind: those of the front large and numbered, or the others small. */
+static void draw_kind(struct drawing *d, const struct tradeoff *t, const struct rows *rows,
+                      enum tradeoff_cost cost, int kind, bool front, size_t *used)
+{
+    size_t first = *used;
+    for (int i = 0; i < t->point_count; i++) {
+        const struct tradeoff_point *p = &t->points[i];
+        bool is_on = cost == TRADEOFF_SECONDS ? p->quickest : p->smallest;
+        if (kind_of(t, p) != kind || is_on != front) {
+            continue;
+        }
+        d->all_x[*used] = tradeoff_cost_of(p, cost) / (cost == TRADEOFF_BYTES ? 1024 : 1);
+        d->all_y[*used] = 100 * p->error;
+        (void)snprintf(d->texts[*used], LABEL, "%d", rows->number[i]);
+        d->labels[*used] = d->texts[*used];
+        (*used)++;
+    }
+    struct plot_series *series = &d->series[d->series_count];
+    *series = (struct plot_series){.x = d->all_x + first,
+                                   .y = d->all_y + first,
+                                   .count = *used - first,
+                                   .dots = true,
+                                   .radius = front ? 4 : 1.6,
+                                   .labels = front ? d->labels + first : NULL};
+    palette_format(palette_group((size_t)kind, KINDS), series->colour);
+    d->series_count += series->count > 0;
+}
+
+static int write_plot(FILE *page, const struct tradeoff *t, const struct rows *rows,
+                      enum tradeoff_cost cost, struct nacre_error *error)
+{
+    struct drawing *d = calloc(1, sizeof *d);
+    size_t used = 0;
+    if (!d) {
+        return nacre_fail_memory(error, "a plot");
+    }
+    draw_front(d, t, cost);
+    for (int front = 0; front < 2; front++) {
+        for (int kind = 0; kind < KINDS; kind++) {
+            draw_kind(d, t, rows, cost, kind, front == 1, &used);
+        }
+    }
+    struct plot plot = {.title = cost == TRADEOFF_SECONDS ? "Error against seconds"
+                                                          : "Error against bytes",
+                        .x_label = cost == TRADEOFF_SECONDS ? "seconds" : "KiB",
+                        .y_label = "mean relative error, %",
+                        .x_log = true,
+                        .y_log = true,
+                        .width = 480,
+                        .height = 400,
+                        .series = d->series,
+                        .series_count = d->series_count};
+    (void)fputs("<figure>\n", page);
+    plot_write(page, &plot);
+    (void)fputs("</figure>\n", page);
+    free(d);
+    return NACRE_OK;
+}
+
+static void write_legend(FILE *page, const struct tradeoff *t)
+{
+    (void)fputs("<div class=\"legend\">", page);
+    for (int kind = 0; kind < KINDS; kind++) {
+        char colour[8];
+        bool used = false;
+        for (int i = 0; i < t->point_count && !used; i++) {
+            used = kind_of(t, &t->points[i]) == kind;
+        }
+        palette_format(palette_group((size_t)kind, KINDS), colour);
+        if (used) {
+            (void)fprintf(page, "<span><i style=\"background:%s\"></i>%s</span>", colour,
+                          kinds[kind].name);
+        }
+    }
+    (void)fputs("</div>\n", page);
+}
+
+static int write_row(FILE *page, const struct tradeoff *t, const struct tradeoff_request *request,
+                     int number, const struct tradeoff_point *p, struct nacre_error *error)
+{
+    const struct tradeoff_setting *s = &t->runs[p->run].setting;
+    char *command = tradeoff_command(t, request, p);
+    if (!command) {
+        return nacre_fail_memory(error, "the table");
+    }
+    (void)fprintf(page,
+                  "<tr><td>%d</td><td>%.3f %%</td><td>%.2f %%</td><td>%.3g</td><td>%.4g KiB</td>"
+                  "<td>1/%.0f</td><td>%s</td><td>%d</td><td>",
+                  number, 100 * p->error, 100 * p->error_without_centre, p->seconds,
+                  p->bytes / 1024, t->measured_bytes / p->bytes,
+                  p->quickest && p->smallest ? "both"
+                  : p->quickest              ? "seconds"
+                                             : "bytes",
+                  s->terms);
+    (void)(s->clusters ? fprintf(page, "%d", s->clusters) : fputs("none", page));
+    (void)fputs("</td><td><code>", page);
+    page_text(page, command);
+    (void)fputs("</code></td></tr>\n", page);
+    free(command);
+    return NACRE_OK;
+}
+
+static int write_table(FILE *page, const struct tradeoff *t, const struct tradeoff_request *request,
+                       const struct rows *rows, struct nacre_error *error)
+{
+    int status = NACRE_OK;
+    (void)fputs(
+        "<h2>What nothing beats</h2>\n<p>The points of both fronts, the most exact first. "
+        "Each command repeats its point: the same scan, device and version give the same "
+        "material, bit for bit.</p>\n<div class=\"scroll\"><table>\n<tr><th>No.</th>"
+        "<th>Mean error</th><th>Without the centre</th><th>Seconds</th><th>Size</th>"
+        "<th>Ratio</th><th>Front</th><th>Terms</th><th>Clusters</th><th>Command</th></tr>\n",
+        page);
+    for (int i = 0; i < rows->count && status == NACRE_OK; i++) {
+        status = write_row(page, t, request, i + 1, &t->points[rows->points[i]], error);
+    }
+    (void)fputs("</table></div>\n", page);
+    return status;
+}
+
+static void write_runs(FILE *page, const struct tradeoff *t)
+{
+    (void)fputs(
+        "<h2>What was run</h2>\n<p>In this order. A run is given up as dominated when twice "
+        "what its iterations won last would leave it behind what others reached in as few "
+        "bytes and as few seconds; settings that no front holds have no neighbours "
+        "tried.</p>\n<div class=\"scroll\"><table>\n<tr><th>Run</th><th>From</th>"
+        "<th>Method</th><th>Weight</th><th>Terms</th><th>Clusters</th><th>ε</th>"
+        "<th>Best error</th><th>Seconds of the budget</th><th>Ended by</th></tr>\n",
+        page);
+    for (int i = 0; i < t->run_count; i++) {
+        const struct tradeoff_run *run = &t->runs[i];
+        const struct tradeoff_setting *s = &run->setting;
+        (void)fprintf(page, "<tr><td>%d</td><td>", i);
+        (void)(s->parent < 0 ? fputs("random", page) : fprintf(page, "%d", s->parent));
+        (void)fprintf(page, "</td><td>%s</td><td>%s</td><td>%d</td><td>", tradeoff_method_word(s),
+                      tradeoff_weight_word(s), s->terms);
+        (void)(s->clusters ? fprintf(page, "%d", s->clusters) : fputs("none", page));
+        (void)fprintf(page, "</td><td>%g</td><td>%.3f %%</td><td>%.3g</td><td>%s</td></tr>\n",
+                      s->epsilon, 100 * run->best_error, run->seconds, run->ended);
+    }
+    (void)fputs("</table></div>\n", page);
+}
+
+static void write_key(FILE *page, const char *value, const char *meaning)
+{
+    (void)fprintf(page, "<div><b>%s</b><span>%s</span></div>\n", value, meaning);
+}
+
+static void write_head(FILE *page, const struct tradeoff *t, const struct tradeoff_request *request)
+{
+    char value[64];
+    double spent = t->seconds_reading;
+    for (int i = 0; i < t->run_count; i++) {
+        spent += t->runs[i].seconds;
+    }
+    (void)fputs(
+        "<header>\n<h1>What accuracy costs</h1>\n<p class=\"muted\">factorizations of <code>",
+        page);
+    page_text(page, request->scan);
+    (void)fputs("</code>", page);
+    if (request->source && request->source[0]) {
+        (void)fputs(" — ", page);
+        page_text(page, request->source);
+    }
+    (void)fputs("</p>\n<div class=\"key\">\n", page);
+    (void)snprintf(value, sizeof value, "%d × %d", t->width, t->height);
+    write_key(page, value, "surface points");
+    (void)snprintf(value, sizeof value, "%d × %d", t->window, t->window);
+    write_key(page, value, "window");
+    (void)snprintf(value, sizeof value, "%.4g MiB", t->measured_bytes * 0x1p-20);
+    write_key(page, value, "of responses");
+    (void)snprintf(value, sizeof value, "%d, %d", t->run_count, t->point_count);
+    write_key(page, value, "runs, points");
+    (void)snprintf(value, sizeof value, "%.3g s of %.3g s", spent, request->budget);
+    write_key(page, value, "spent of the budget");
+    (void)fputs("</div>\n</header>\n", page);
+}
+
+int tradeoff_write_page(FILE *page, const struct tradeoff *t,
+                        const struct tradeoff_request *request, struct nacre_error *error)
+{
+    struct rows *rows = list_rows(t);
+    if (!rows) {
+        return nacre_fail_memory(error, "the page");
+    }
+    page_begin(page, "What accuracy costs — nacre tradeoff");
+    write_head(page, t, request);
+    (void)fputs(
+        "<p>Each dot is a factorization of the scan. Seconds are those of the whole command, "
+        "from reading to the measured material, with kernels compiled before; bytes are "
+        "those of the model as it is stored. Large dots stand on the front: nothing else is "
+        "as exact and as quick, or as exact and as small. Their numbers are the "
+        "table's.</p>\n<div class=\"two\">\n",
+        page);
+    int status = write_plot(page, t, rows, TRADEOFF_SECONDS, error);
+    if (status == NACRE_OK) {
+        status = write_plot(page, t, rows, TRADEOFF_BYTES, error);
+    }
+    (void)fputs("</div>\n", page);
+    write_legend(page, t);
+    if (status == NACRE_OK) {
+        status = write_table(page, t, request, rows, error);
+    }
+    write_runs(page, t);
+    page_end(page);
+    free(rows);
+    return status;
+}
