@@ -1,6 +1,8 @@
 /* Which factorization to study next. */
 #include "study/tradeoff_plan.h"
 
+#include "study/tradeoff_front.h"
+
 #include <math.h>
 
 static const int terms_levels[] = {1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64};
