@@ -35,7 +35,7 @@ int tradeoff_front(const struct tradeoff *t, enum tradeoff_cost cost, int indice
     }
     qsort(ranked, (size_t)t->point_count, sizeof *ranked, compare);
     for (int i = 0; i < t->point_count; i++) {
-        if (ranked[i].error < least) {
+        if (ranked[i].error < (1 - TRADEOFF_GAIN) * least) {
             least = ranked[i].error;
             indices[count++] = ranked[i].index;
         }

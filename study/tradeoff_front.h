@@ -7,6 +7,9 @@
 /* What an error is paid with. */
 enum tradeoff_cost { TRADEOFF_SECONDS, TRADEOFF_BYTES };
 
+/* A point that costs more than another is on a front only if its error is lower by this share of it. */
+#define TRADEOFF_GAIN 0.01
+
 double tradeoff_cost_of(const struct tradeoff_point *point, enum tradeoff_cost cost);
 
 /* Set `quickest` and `smallest` of all points. Of equal points the first is on the front. */
