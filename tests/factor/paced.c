@@ -2,6 +2,7 @@
 #include "paced.h"
 
 #include "factor/hals.h"
+#include "factor/terms.h"
 #include "factor/update.h"
 
 #include <stdlib.h>
@@ -63,6 +64,13 @@ static int read_factors(struct method *method, int channel, float *f, float *h,
     return inner->ops->read(inner, channel, f, h, error);
 }
 
+static int read_kernels(struct method *method, int channel, float *numbers,
+                        struct nacre_error *error)
+{
+    struct method *inner = ((struct paced_method *)method)->inner;
+    return inner->ops->read_kernels(inner, channel, numbers, error);
+}
+
 static int write_factors(struct method *method, int channel, const float *f, const float *h,
                          struct nacre_error *error)
 {
@@ -107,6 +115,7 @@ static const struct method_ops ops = {
     .step = step,
     .measure = measure,
     .read = read_factors,
+    .read_kernels = read_kernels,
     .write = write_factors,
     .state_size = state_size,
     .save = save_state,
@@ -123,7 +132,8 @@ static int make(void *data, const struct problem *problem, struct method **metho
     if (!m) {
         return nacre_fail_memory(error, "the method");
     }
-    int status = paced->method == FACTOR_METHOD_MU
+    int status = problem->data ? terms_new(paced->opencl, problem, &m->inner, error)
+                 : paced->method == FACTOR_METHOD_MU
                      ? update_new(paced->opencl, problem, NULL, &m->inner, error)
                      : hals_new(paced->opencl, problem, NULL, &m->inner, error);
     if (status != NACRE_OK) {
