@@ -394,7 +394,6 @@ void conductor_finish(struct conductor *c)
     attempt_finish(&c->now);
     attempt_finish(&c->best);
     factor_prepared_finish(&c->own);
-    terms_data_finish(&c->data);
     probe_finish(&c->probe);
     nacre_material_finish(&c->made);
     error_report_finish(&c->made_report);

@@ -34,7 +34,7 @@ struct conductor {
     struct clock *clock;
     int64_t begun_ns;
 
-    struct terms_data data;                /* with a kernel per term */
+    const struct terms_data *data;         /* of prepared, with a kernel per term; else NULL */
     struct factor_prepared own, *prepared; /* prepared: the options' or own */
     struct probe probe;
     struct search search;
@@ -94,7 +94,7 @@ int conductor_resume(struct conductor *conductor, struct nacre_error *error);
 /* What the attempts of this run are fitted to, or NULL with clusters. */
 static inline const struct terms_data *conductor_data(const struct conductor *c)
 {
-    return c->options->model == FACTOR_MODEL_TERMS ? &c->data : NULL;
+    return c->data;
 }
 
 /* Make the method of `now`. */

@@ -111,7 +111,7 @@ static int check(const struct responses *r, const struct factor_options *o,
 /* With a kernel per term there are terms alone to choose. */
 static void begin_shaped(struct conductor *c)
 {
-    const struct terms_data *d = &c->data;
+    const struct terms_data *d = c->data;
     struct search *s = &c->search;
     double sets = terms_data_sets(d) * d->copy_count, points = (double)s->points;
     double bits = d->options.bits > 0 ? d->options.bits : 16;
@@ -221,6 +221,13 @@ static void explain(const struct conductor *c)
     }
 }
 
+static bool is_same_data(const struct terms_options *a, const struct terms_options *b)
+{
+    return a->reciprocity == b->reciprocity && a->weight == b->weight && a->full == b->full &&
+           a->separate == b->separate && a->bits == b->bits;
+}
+
+/* The responses as a kernel per term wants them: taken over from another run, or made. */
 static int begin_data(struct conductor *c, struct nacre_error *error)
 {
     const struct factor_options *o = c->options;
@@ -230,17 +237,34 @@ static int begin_data(struct conductor *c, struct nacre_error *error)
         .full = o->full_kernels,
         .separate = o->separate_planes && c->responses->channels > 1,
         .bits = o->bits};
-    return terms_data_begin(&c->data, c->responses, &options, o->epsilon, error);
+    struct prepared_data *slot = NULL;
+    double begun = conductor_seconds(c);
+    bool same = false;
+    for (int i = 0; i < PREPARED_DATA && !same; i++) {
+        struct prepared_data *d = &c->prepared->data[i];
+        same = d->ready && is_same_data(&d->options, &options) && d->epsilon == o->epsilon;
+        slot = same || !slot || !d->ready ? d : slot;
+    }
+    c->data = &slot->data;
+    if (same) {
+        c->shared_seconds += slot->seconds;
+        return NACRE_OK;
+    }
+    terms_data_finish(&slot->data);
+    *slot = (struct prepared_data){.options = options, .epsilon = o->epsilon};
+    int status = terms_data_begin(&slot->data, c->responses, &options, o->epsilon, error);
+    slot->ready = status == NACRE_OK;
+    slot->seconds = conductor_seconds(c) - begun;
+    return status;
 }
 
 /* What does not depend on the settings: taken over from another run, or measured. */
 static int prepare(struct conductor *c, struct nacre_error *error)
 {
-    struct factor_prepared *p = c->options->prepared ? c->options->prepared : &c->own;
+    struct factor_prepared *p = c->prepared;
     double begun = conductor_seconds(c);
-    c->prepared = p;
     if (p->ready) {
-        c->shared_seconds = p->seconds;
+        c->shared_seconds += p->seconds;
         return NACRE_OK;
     }
     int status = features_new(c->responses, &p->features, error);
@@ -266,6 +290,7 @@ static int begin(struct conductor *c, struct nacre_error *error)
                           "twice that or more",
                           o->seconds, begun);
     }
+    c->prepared = o->prepared ? o->prepared : &c->own;
     if (o->model == FACTOR_MODEL_TERMS) {
         status = begin_data(c, error);
         if (status != NACRE_OK) {

@@ -228,22 +228,34 @@ static void list_neighbours(const struct tradeoff *t, int index,
     }
 }
 
+static double least_error(const struct tradeoff *t)
+{
+    double least = INFINITY;
+    for (int i = 0; i < t->run_count; i++) {
+        least = fmin(least, t->runs[i].best_error);
+    }
+    return least;
+}
+
 static bool find_neighbour(const struct tradeoff *t, double seconds, struct tradeoff_setting *next,
                            double *predicted)
 {
-    double best = INFINITY;
+    double best = INFINITY, least = least_error(t);
     for (int i = 0; i < t->run_count; i++) {
         struct tradeoff_setting list[NEIGHBOURS];
         if (!is_on_front(t, i)) {
             continue;
         }
         list_neighbours(t, i, list);
+        /* Who is far from the best is on the front for being quick: it matters less. */
+        double interest = least / t->runs[i].best_error;
         for (int j = 0; j < NEIGHBOURS; j++) {
             double needed = predict(t, &list[j]);
-            if (is_possible(t, &list[j]) && needed <= seconds && needed / promise[j] < best) {
+            double price = needed / (promise[j] * interest * interest);
+            if (is_possible(t, &list[j]) && needed <= seconds && price < best) {
                 *next = list[j];
                 *predicted = needed;
-                best = needed / promise[j];
+                best = price;
             }
         }
     }
