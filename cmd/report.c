@@ -5,7 +5,7 @@
 #include <limits.h>
 
 struct report_settings {
-    const char *output;
+    const char *output, *photograph;
 };
 
 static const struct option_spec report_options[] = {
@@ -16,6 +16,13 @@ static const struct option_spec report_options[] = {
      .required = true,
      .offset = offsetof(struct report_settings, output),
      .sentence = "the HTML page to write"},
+    {.name = "photograph",
+     .kind = OPTION_STRING,
+     .argument = "FILE",
+     .offset = offsetof(struct report_settings, photograph),
+     .sentence =
+         "a picture of the sample (EXR or PNG), in place of what the responses say it looks "
+         "like under a white pattern"},
     {0}};
 
 static int report_run(const void *settings, const struct invocation *invocation,
@@ -24,6 +31,7 @@ static int report_run(const void *settings, const struct invocation *invocation,
     const struct report_settings *s = settings;
     struct report_request request = {.scan = invocation->operands[0],
                                      .material = invocation->operands[1],
+                                     .photograph = s->photograph,
                                      .pictures = invocation->operands + 2,
                                      .picture_count = (size_t)invocation->operand_count - 2};
     struct progress progress = progress_begin("comparing", invocation->quiet);
@@ -38,7 +46,8 @@ const struct verb verb_report = {
     .summary = "write a page on how well a material stands for its scan",
     .text =
         "The page is one HTML file without scripts that needs nothing beside itself, to be read "
-        "on any screen and printed. It shows the sample's albedo, a map of the relative error, "
+        "on any screen and printed. It shows the sample under a white pattern, its albedo, a map "
+        "of the relative error, "
         "measured responses beside their factored counterparts on a logarithmic scale, how the "
         "factorization converged, the kernels' radial fall-off with a map of the clusters, and "
         "the row of Table 1 of Peers et al. 2006. Pictures (EXR or PNG), such as renders, are "

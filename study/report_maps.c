@@ -207,8 +207,11 @@ int report_write_maps(struct report *report, struct nacre_error *error)
     if (status != NACRE_OK) {
         return status;
     }
-    (void)fputs("<h2>Sample and error</h2>\n<div class=\"two\">\n", report->page);
-    status = write_albedo(report, error);
+    (void)fputs("<h2>Sample and error</h2>\n<div class=\"three\">\n", report->page);
+    status = report_write_photograph(report, error);
+    if (status == NACRE_OK) {
+        status = write_albedo(report, error);
+    }
     if (status == NACRE_OK) {
         status = write_error_map(report, end, error);
     }

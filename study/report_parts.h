@@ -32,6 +32,7 @@ const char *report_base_name(const char *path);
 int report_points_choose(struct report *report, struct nacre_error *error);
 
 /* Each writes its section. */
+int report_write_photograph(struct report *report, struct nacre_error *error);
 int report_write_maps(struct report *report, struct nacre_error *error);
 int report_write_responses(struct report *report, struct nacre_error *error);
 int report_write_convergence(struct report *report, struct nacre_error *error);

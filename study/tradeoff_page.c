@@ -186,7 +186,8 @@ static int write_row(FILE *page, const struct tradeoff *t, const struct tradeoff
         return nacre_fail_memory(error, "the table");
     }
     (void)fprintf(page,
-                  "<tr><td>%d</td><td>%.3f %%</td><td>%.2f %%</td><td>%.3g</td><td>%.4g KiB</td>"
+                  "<tr><td rowspan=\"2\">%d</td><td>%.3f %%</td><td>%.2f "
+                  "%%</td><td>%.3g</td><td>%.4g KiB</td>"
                   "<td>1/%.0f</td><td>%s</td><td>%d</td><td>",
                   number, 100 * p->error, 100 * p->error_without_centre, p->seconds,
                   p->bytes / 1024, t->measured_bytes / p->bytes,
@@ -195,7 +196,7 @@ static int write_row(FILE *page, const struct tradeoff *t, const struct tradeoff
                                              : "bytes",
                   s->terms);
     (void)(s->clusters ? fprintf(page, "%d", s->clusters) : fputs("none", page));
-    (void)fputs("</td><td><code>", page);
+    (void)fputs("</td></tr>\n<tr><td colspan=\"8\"><code>", page);
     page_text(page, command);
     (void)fputs("</code></td></tr>\n", page);
     free(command);
@@ -206,18 +207,42 @@ static int write_table(FILE *page, const struct tradeoff *t, const struct tradeo
                        const struct rows *rows, struct nacre_error *error)
 {
     int status = NACRE_OK;
-    (void)fputs(
-        "<h2>What nothing beats</h2>\n<p>The points of both fronts, the most exact first. "
-        "Each command repeats its point: the same scan, device and version give the same "
-        "material, bit for bit.</p>\n<div class=\"scroll\"><table>\n<tr><th>No.</th>"
-        "<th>Mean error</th><th>Without the centre</th><th>Seconds</th><th>Size</th>"
-        "<th>Ratio</th><th>Front</th><th>Terms</th><th>Clusters</th><th>Command</th></tr>\n",
-        page);
+    (void)fputs("<h2>What nothing beats</h2>\n<p>The points of both fronts, the most exact first. "
+                "Each command repeats its point: the same scan, device and version give the same "
+                "material, bit for bit.</p>\n<div class=\"scroll\"><table>\n<tr><th>No.</th>"
+                "<th>Mean error</th><th>Without the centre</th><th>Seconds</th><th>Size</th>"
+                "<th>Ratio</th><th>Front</th><th>Terms</th><th>Clusters</th></tr>\n",
+                page);
     for (int i = 0; i < rows->count && status == NACRE_OK; i++) {
         status = write_row(page, t, request, i + 1, &t->points[rows->points[i]], error);
     }
     (void)fputs("</table></div>\n", page);
     return status;
+}
+
+/* What no front holds, too: folded away until it is asked for. */
+static int write_all(FILE *page, const struct tradeoff *t, const struct tradeoff_request *request,
+                     struct nacre_error *error)
+{
+    (void)fprintf(page,
+                  "<details><summary>All %d points, in the order they were found</summary>\n"
+                  "<div class=\"scroll\"><table>\n<tr><th>Mean error</th><th>Seconds</th>"
+                  "<th>KiB</th><th>Command</th></tr>\n",
+                  t->point_count);
+    for (int i = 0; i < t->point_count; i++) {
+        const struct tradeoff_point *p = &t->points[i];
+        char *command = tradeoff_command(t, request, p);
+        if (!command) {
+            return nacre_fail_memory(error, "the table");
+        }
+        (void)fprintf(page, "<tr><td>%.3f %%</td><td>%.3g</td><td>%.4g</td><td><code>",
+                      100 * p->error, p->seconds, p->bytes / 1024);
+        page_text(page, command);
+        (void)fputs("</code></td></tr>\n", page);
+        free(command);
+    }
+    (void)fputs("</table></div>\n</details>\n", page);
+    return NACRE_OK;
 }
 
 static void write_runs(FILE *page, const struct tradeoff *t)
@@ -305,6 +330,9 @@ int tradeoff_write_page(FILE *page, const struct tradeoff *t,
         status = write_table(page, t, request, rows, error);
     }
     write_runs(page, t);
+    if (status == NACRE_OK) {
+        status = write_all(page, t, request, error);
+    }
     page_end(page);
     free(rows);
     return status;

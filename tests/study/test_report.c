@@ -362,7 +362,91 @@ static void store_decoded(const char *at, const char *name)
     free(bytes);
 }
 
-/* The first image is the albedo, point for point; the last the picture that was handed over. */
+/* The first picture of the page. */
+static struct picture first_picture(const char *page)
+{
+    struct nacre_error error = {0};
+    struct picture picture = {0};
+    const char *mark = "data:image/png;base64,";
+    const char *found = strstr(page, mark);
+    TEST_ASSERT_NOT_NULL(found);
+    store_decoded(found + strlen(mark), "first.png");
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, picture_read(scratch_path("first.png"), &picture, &error), error.text);
+    return picture;
+}
+
+/* Each point of the picture is the sum of what every lit point sends there. */
+static void the_sample_is_shown_under_a_white_pattern(void)
+{
+    struct nacre_material m = made_material(paper);
+    write_scan("s.exr", &m, 0.01f, 99);
+    write_material("m.exr", &m);
+    char *page = load_report("s.exr", "m.exr");
+    struct picture got = first_picture(page);
+    size_t area = (size_t)m.window * (size_t)m.window;
+    float *response = calloc(3 * area, sizeof *response);
+    double sum = 0;
+    TEST_ASSERT_EQUAL_INT(m.width, got.width);
+    TEST_ASSERT_EQUAL_INT(m.height, got.height);
+    int half = m.window / 2, x = m.width / 2, y = m.height / 2;
+    for (int v = -half; v <= half; v++) {
+        for (int u = -half; u <= half; u++) {
+            if (x - u >= 0 && x - u < m.width && y - v >= 0 && y - v < m.height) {
+                nacre_material_response(&m, x - u, y - v, response);
+                int entry = (v + half) * m.window + u + half;
+                sum += 0.01 * (double)response[area + (size_t)entry];
+            }
+        }
+    }
+    /* 8 bits of sRGB: half a step of 1/255 is at most 1/220 in linear values. */
+    sum = sum > 1 ? 1 : sum;
+    TEST_ASSERT_TRUE(sum > 0.02);
+    TEST_ASSERT_DOUBLE_WITHIN(1.0 / 220, sum, (double)got.rgb[3 * (y * m.width + x) + 1]);
+    expect_contains(page, "Under a white pattern");
+    picture_finish(&got);
+    nacre_material_finish(&m);
+    free(response);
+    free(page);
+}
+
+static void a_photograph_takes_the_place_of_the_white_pattern(void)
+{
+    struct nacre_error error = {0};
+    struct picture given = {0};
+    size_t size = 0;
+    char *path = strdup(scratch_path("<photo>.png"));
+    struct nacre_material m = made_material(paper);
+    write_scan("s.exr", &m, 1, 99);
+    write_material("m.exr", &m);
+    nacre_material_finish(&m);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, picture_allocate(&given, 4, 3, &error));
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, picture_write(path, &given, NULL, &error));
+    struct report_request request = {
+        .scan = scratch_path("s.exr"), .material = scratch_path("m.exr"), .photograph = path};
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, report_write(scratch_path("r.html"), &request, NULL, &error), error.text);
+    char *page = (char *)scratch_load("r.html", &size);
+    page[size] = '\0';
+    expect_sound(page);
+    expect_contains(page, "Photograph: &lt;photo&gt;.png");
+    TEST_ASSERT_NULL(strstr(page, "Under a white pattern"));
+    struct picture got = first_picture(page);
+    TEST_ASSERT_EQUAL_INT(4, got.width);
+    TEST_ASSERT_EQUAL_INT(3, got.height);
+    request.photograph = "missing.png";
+    scratch_hush();
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED,
+                          report_write(scratch_path("r2.html"), &request, NULL, &error));
+    scratch_hush_end();
+    TEST_ASSERT_NOT_NULL(strstr(error.text, "missing.png"));
+    picture_finish(&got);
+    picture_finish(&given);
+    free(page);
+    free(path);
+}
+
+/* The first image is the sample under white, the second its albedo, point for point; the last the picture that was handed over. */
 static void images_are_whole_pngs(void)
 {
     struct nacre_error error = {0};
@@ -392,7 +476,7 @@ static void images_are_whole_pngs(void)
         store_decoded(last, "x.png");
         TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, picture_read(scratch_path("x.png"), &got, &error),
                                       error.text);
-        if (count == 0) {
+        if (count == 1) {
             TEST_ASSERT_EQUAL_INT(11, got.width);
             TEST_ASSERT_EQUAL_INT(9, got.height);
             /* 8 bits of sRGB: half a step of 1/255 is at most 1/220 in linear values */
@@ -401,8 +485,8 @@ static void images_are_whole_pngs(void)
         count++;
         picture_finish(&got);
     }
-    /* albedo, error, 6 pairs of responses, clusters, the render */
-    TEST_ASSERT_EQUAL_INT(16, count);
+    /* white, albedo, error, 6 pairs of responses, clusters, the render */
+    TEST_ASSERT_EQUAL_INT(17, count);
     store_decoded(last, "x.png");
     TEST_ASSERT_EQUAL_INT(NACRE_OK, picture_read(scratch_path("x.png"), &got, &error));
     TEST_ASSERT_EQUAL_INT(5, got.width);
@@ -461,6 +545,8 @@ int main(void)
     RUN_TEST(names_warnings_and_sources_are_escaped);
     RUN_TEST(convergence_is_plotted);
     RUN_TEST(points_that_were_not_measured_are_counted_apart);
+    RUN_TEST(the_sample_is_shown_under_a_white_pattern);
+    RUN_TEST(a_photograph_takes_the_place_of_the_white_pattern);
     RUN_TEST(images_are_whole_pngs);
     RUN_TEST(what_does_not_fit_together_is_refused);
     return UNITY_END();
