@@ -437,28 +437,37 @@ static int check_outputs(const struct factor_settings *s, struct nacre_error *er
     return status == NACRE_OK && s->checkpoint ? check_output(s->checkpoint, error) : status;
 }
 
+/* A whole number above 0 and the character behind it, which *at is moved past; 0 where there is none. */
+static int parse_count(const char **at, const char *separators)
+{
+    char *end = NULL;
+    long value = strtol(*at, &end, 10);
+    bool sound = end > *at && value >= 1 && value <= INT_MAX && strchr(separators, *end);
+    *at = end + (*end != '\0');
+    return sound ? (int)value : 0;
+}
+
 /* "4/5/10,8/5/10", in order. */
 static int parse_stages(const char *text, struct factor_stage stages[FACTOR_STAGES], int *count,
                         struct nacre_error *error)
 {
     const char *at = text;
+    bool sound = true;
     *count = 0;
-    for (bool more = text != NULL; more;) {
+    while (at && sound && (*at || *count == 0)) {
         struct factor_stage *stage = &stages[*count];
-        int length = 0;
-        if (*count == FACTOR_STAGES ||
-            sscanf(at, "%d/%d/%d%n", &stage->terms, &stage->clusters, &stage->iterations,
-                   &length) != 3 ||
-            (at[length] != ',' && at[length] != '\0')) {
-            (void)nacre_fail(error,
-                             "--from %s: give at most %d stages as TERMS/CLUSTERS/ITERATIONS, with "
-                             "commas between them, such as 4/5/10,8/5/10",
-                             text, FACTOR_STAGES);
-            return OPTIONS_WRONG_USAGE;
-        }
+        stage->terms = parse_count(&at, "/");
+        stage->clusters = stage->terms > 0 ? parse_count(&at, "/") : 0;
+        stage->iterations = stage->clusters > 0 ? parse_count(&at, ",") : 0;
         (*count)++;
-        more = at[length] == ',';
-        at += length + 1;
+        sound = stage->iterations > 0 && (*count < FACTOR_STAGES || !*at);
+    }
+    if (!sound) {
+        (void)nacre_fail(error,
+                         "--from %s: give at most %d stages as TERMS/CLUSTERS/ITERATIONS, with "
+                         "commas between them, such as 4/5/10,8/5/10",
+                         text, FACTOR_STAGES);
+        return OPTIONS_WRONG_USAGE;
     }
     return NACRE_OK;
 }

@@ -28,8 +28,11 @@ static int sum_responses(const struct report *report, struct picture *picture,
 {
     const struct nacre_scan_info *info = nacre_scan_info(report->scan);
     float *response = malloc(nacre_scan_response_size(info) * sizeof *response);
-    int status = response ? picture_allocate(picture, info->width, info->height, error)
-                          : nacre_fail_memory(error, "a response");
+    int status = picture_allocate(picture, info->width, info->height, error);
+    if (!response) {
+        status = nacre_fail_memory(error, "a response");
+        goto out;
+    }
     for (int y = 0; y < info->height && status == NACRE_OK; y++) {
         for (int x = 0; x < info->width && status == NACRE_OK; x++) {
             status = nacre_scan_read(report->scan, x, y, response, error);
@@ -38,6 +41,7 @@ static int sum_responses(const struct report *report, struct picture *picture,
             }
         }
     }
+out:
     free(response);
     return status;
 }

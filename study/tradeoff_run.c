@@ -27,6 +27,7 @@ struct runner {
     double deadline; /* seconds since begun_ns */
     struct factor_prepared prepared;
     struct tradeoff *tradeoff;
+    struct factor_watcher watcher; /* that looks at the runs */
     struct factor_options options; /* of the run */
     double closing_seconds;        /* the longest look so far */
     bool out_of_time;
@@ -204,7 +205,6 @@ static int run_one(struct runner *r, const struct tradeoff_setting *setting, dou
                    struct nacre_error *error)
 {
     struct tradeoff *t = r->tradeoff;
-    const struct factor_watcher watcher = {.wants = wants, .look = look_at, .data = r};
     struct nacre_material material = {0};
     struct factor_summary summary = {0};
     double begun = seconds_of(r);
@@ -216,7 +216,7 @@ static int run_one(struct runner *r, const struct tradeoff_setting *setting, dou
                                      setting->parent < 0 ? 0 : t->runs[setting->parent].depth + 1};
     r->options = options_of(r, setting);
     r->options.prepared = &r->prepared;
-    r->options.watcher = &watcher;
+    r->options.watcher = &r->watcher;
     r->out_of_time = false;
     int points = t->point_count;
     int status = factorize_responses(r->responses, r->pitch_mm, &r->options, r->opencl, r->progress,
@@ -253,6 +253,7 @@ int tradeoff_run(const struct responses *responses, double pitch_mm,
     struct tradeoff_setting next;
     double predicted = 0;
     int status = NACRE_OK;
+    r.watcher = (struct factor_watcher){.wants = wants, .look = look_at, .data = &r};
     r.begun_ns = clock_now_ns(r.clock);
     r.deadline = request->budget * (1 - RESERVE) - request->seconds_reading;
     t->width = responses->width;

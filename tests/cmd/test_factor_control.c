@@ -225,6 +225,56 @@ static void a_checkpoint_of_other_options_or_damaged_is_refused(void)
     spawned_finish(&run);
 }
 
+static double objective_of(const char *from)
+{
+    struct spawned run = RUN(NULL, "-t", "3", "-k", "2", "--iterations", "2", "--tolerance", "0",
+                             "--json", from ? "--from" : NULL, from);
+    expect_status(&run, 0);
+    json_t *object = parse(&run);
+    double objective = number(object, "objective");
+    /* the stages' iterations are in the material's history */
+    TEST_ASSERT_EQUAL_DOUBLE(from ? 22 : 2, number(object, "iterations"));
+    json_decref(object);
+    spawned_finish(&run);
+    return objective;
+}
+
+/* Two iterations after twenty of fewer terms are farther than two alone. */
+static void fewer_terms_are_a_start(void)
+{
+    double afresh = objective_of(NULL), started = objective_of("1/2/8,2/2/12");
+    TEST_ASSERT_TRUE(started < 0.9 * afresh);
+    TEST_ASSERT_EQUAL_DOUBLE(started, objective_of("1/2/8,2/2/12"));
+}
+
+static void stages_that_lead_nowhere_are_refused(void)
+{
+    static const struct {
+        const char *from;
+        int status;
+    } cases[] = {{"3/2/5", 1},       /* as many terms */
+                 {"2/2/5,1/2/5", 1}, /* fewer again */
+                 {"1/9999/5", 1},    /* more clusters than points */
+                 {"1/2", 2},
+                 {"1/2/x", 2},
+                 {"1/0/3", 2},
+                 {"", 2},
+                 {"1/1/1,1/1/1,1/1/1,1/1/1,1/1/1,1/1/1,1/1/1,1/1/1,1/1/1,1/1/1,1/1/1,1/1/1,1/1/1,"
+                  "1/1/1,1/1/1,1/1/1,1/1/1",
+                  2}};
+    for (size_t i = 0; i < sizeof cases / sizeof *cases; i++) {
+        struct spawned run = RUN(NULL, "-t", "3", "-k", "2", "--from", cases[i].from);
+        expect_status(&run, cases[i].status);
+        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run.errors, "--from"), run.errors);
+        TEST_ASSERT_TRUE(access(material, F_OK) != 0);
+        spawned_finish(&run);
+    }
+    struct spawned run = RUN(NULL, "--error", "3%", "--from", "1/1/5");
+    expect_status(&run, 1);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run.errors, "--from needs"), run.errors);
+    spawned_finish(&run);
+}
+
 int main(int argc, char **argv)
 {
     if (argc != 3) {
@@ -238,6 +288,8 @@ int main(int argc, char **argv)
     RUN_TEST(too_little_time_leaves_no_file_and_says_what_is_needed);
     RUN_TEST(time_to_spare_ends_early);
     RUN_TEST(wishes_that_make_no_sense_are_refused);
+    RUN_TEST(fewer_terms_are_a_start);
+    RUN_TEST(stages_that_lead_nowhere_are_refused);
     RUN_TEST(an_explanation_comes_before_the_result);
     RUN_TEST(a_stopped_factorization_continues_to_the_same_file);
     RUN_TEST(a_checkpoint_of_other_options_or_damaged_is_refused);

@@ -68,6 +68,32 @@ static void points_stand_where_the_axes_say(void)
     free(text);
 }
 
+static void dots_have_sizes_and_labels(void)
+{
+    static const double x[] = {0, 5, 10};
+    static const double y[] = {1, 2, 3};
+    static const char *const labels[] = {"a<b", "2", "3"};
+    struct plot_series series = {.x = x,
+                                 .y = y,
+                                 .count = 3,
+                                 .colour = "#123456",
+                                 .dots = true,
+                                 .radius = 4,
+                                 .labels = labels};
+    struct plot plot = plain(&series);
+    char *text = draw(&plot);
+    /* above the dot and to its right, which is at the frame's lower left */
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "<text x=\"56.0\" y=\"156.0\">a&lt;b</text>"), text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "cx=\"52.0\" cy=\"160.0\" r=\"4\""), text);
+    free(text);
+    series.labels = NULL;
+    series.radius = 0;
+    text = draw(&plot);
+    TEST_ASSERT_NULL(strstr(text, "a&lt;b"));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "cx=\"52.0\" cy=\"160.0\" r=\"2\""), text);
+    free(text);
+}
+
 static void ticks_are_round_numbers(void)
 {
     static const double x[] = {0.13, 6.9};
@@ -196,6 +222,7 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(points_stand_where_the_axes_say);
+    RUN_TEST(dots_have_sizes_and_labels);
     RUN_TEST(ticks_are_round_numbers);
     RUN_TEST(awkward_data_leave_no_number_that_is_none);
     RUN_TEST(gaps_are_not_bridged);
