@@ -138,7 +138,7 @@ static void write_colour_bar(FILE *page, double end, double maximum)
     }
     for (int i = 0; i <= 4; i++) {
         const char *anchor = i == 0 ? "start" : i == 4 ? "end" : "middle";
-        (void)fprintf(page, "<text x=\"%d\" y=\"27\" text-anchor=\"%s\">%s%.3g %%</text>",
+        (void)fprintf(page, "<text x=\"%d\" y=\"27\" text-anchor=\"%s\">%s%.2g %%</text>",
                       i * WIDTH / 4, anchor, i == 4 && maximum > end ? "≥ " : "", 25.0 * i * end);
     }
     (void)fputs("</svg>\n", page);
