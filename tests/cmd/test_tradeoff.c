@@ -10,7 +10,7 @@
 #include <unistd.h>
 #include <unity.h>
 
-static const char *nacre;
+static char *nacre;
 static char *folder, *scan, *output;
 
 void setUp(void)
@@ -149,7 +149,11 @@ int main(int argc, char **argv)
         (void)fprintf(stderr, "usage: %s NACRE SOURCES\n", argv[0]);
         return 2;
     }
-    nacre = argv[1];
+    nacre = realpath(argv[1], NULL); /* as commands are pasted in another folder */
+    if (!nacre) {
+        perror(argv[1]);
+        return 2;
+    }
     folder = folder_make();
     scan = path_join(folder, "it's a scan.exr");
     output = path_join(folder, "study");
@@ -161,6 +165,7 @@ int main(int argc, char **argv)
     RUN_TEST(stopping_leaves_what_was_found);
     free(scan);
     free(output);
+    free(nacre);
     folder_remove(folder);
     return UNITY_END();
 }
