@@ -28,14 +28,15 @@ static size_t number_count(const struct terms *m)
 
 static int build(struct terms *m, struct nacre_error *error)
 {
-    static const char *const names[TERMS_KERNEL_COUNT] = {"visit", "descend", "extrapolate",
-                                                          "weigh"};
+    static const char *const names[TERMS_KERNEL_COUNT] = {
+        "visit", "descend", "extrapolate", "multiply", "correlate", "sides", "lack"};
     const struct layout *l = &m->layouts[0];
-    const struct responses *r = m->problems[0].responses;
-    char options[128];
+    const struct responses *r = l->problem->responses;
+    char options[160];
     (void)snprintf(options, sizeof options,
-                   "-DLANES=%d -DTERMS=%d -DMASKED=%d -DHALF=%d -DCOLUMNS=%d", r->lanes,
-                   l->sizes.terms, r->mask_needed, r->half, TERMS_COLUMNS);
+                   "-DLANES=%d -DTERMS=%d -DMASKED=%d -DHALF=%d -DDOWN=%d -DACROSS=%d -DCOLUMNS=%d",
+                   r->lanes, l->sizes.terms, r->mask_needed, r->half, TERMS_DOWN, TERMS_ACROSS,
+                   TERMS_COLUMNS);
     if (opencl_build(l->opencl, &terms_cl, options, &m->program, error) != NACRE_OK) {
         return NACRE_FAILED;
     }
@@ -325,7 +326,12 @@ static void terms_free(struct method *method)
     layout_release(m->weights);
     layout_release(m->nothing);
     layout_release(m->gradient);
-    layout_release(m->equations);
+    layout_release(m->equations.weighted);
+    layout_release(m->equations.plain);
+    layout_release(m->equations.correlations);
+    layout_release(m->equations.sides);
+    layout_release(m->equations.lacks);
+    layout_release(m->equations.measured);
     for (int i = 0; i < TERMS_KERNEL_COUNT; i++) {
         if (m->kernels[i]) {
             (void)clReleaseKernel(m->kernels[i]);
@@ -337,6 +343,10 @@ static void terms_free(struct method *method)
     layout_finish(&m->layouts[0]);
     layout_finish(&m->layouts[1]);
     free(m->partials);
+    free(m->correlations);
+    free(m->right);
+    free(m->lacks);
+    free(m->measured);
     free(m->sums);
     free(m->staged);
     free(m->window);
@@ -405,6 +415,42 @@ static int prepare_channel(struct terms *m, int channel, struct nacre_error *err
     return status;
 }
 
+/* Room for the kernels' equations, on the device and on the host. */
+static int prepare_equations(struct terms *m, struct nacre_error *error)
+{
+    const struct layout *l = &m->layouts[0];
+    size_t terms = (size_t)l->sizes.terms, pairs = terms * (terms + 1) / 2;
+    size_t area = (size_t)m->data->grid.window * (size_t)m->data->grid.window;
+    size_t held = pairs < TERMS_PRODUCTS ? pairs : TERMS_PRODUCTS;
+    size_t stride = (size_t)l->sizes.stride, height = (size_t)l->sizes.height;
+    size_t guarded = height + 2 * (size_t)(l->sizes.window / 2 + TERMS_DOWN);
+    bool masked = m->data->copies[0].mask_needed;
+    const struct {
+        cl_mem *buffer;
+        size_t floats;
+    } wanted[] = {{&m->equations.weighted, held * guarded * stride},
+                  {&m->equations.plain, held * height * stride},
+                  {&m->equations.correlations, pairs * area},
+                  {&m->equations.sides, terms * area},
+                  {&m->equations.lacks, masked ? pairs * area : 1},
+                  {&m->equations.measured, masked ? area : 1}};
+    int status = NACRE_OK;
+    m->equation_size = pairs + terms;
+    m->correlations = malloc(pairs * area * sizeof *m->correlations);
+    m->right = malloc(terms * area * sizeof *m->right);
+    m->lacks = masked ? malloc(pairs * area * sizeof *m->lacks) : NULL;
+    m->measured = masked ? malloc(area * sizeof *m->measured) : NULL;
+    m->sums = malloc(area * m->equation_size * sizeof *m->sums);
+    if (!m->correlations || !m->right || !m->sums || (masked && (!m->lacks || !m->measured))) {
+        return nacre_fail_memory(error, "the method");
+    }
+    for (size_t i = 0; i < sizeof wanted / sizeof *wanted && status == NACRE_OK; i++) {
+        status = layout_make_buffer(l, wanted[i].floats * sizeof(float), NULL, false,
+                                    wanted[i].buffer, error);
+    }
+    return status;
+}
+
 static int prepare(struct terms *m, struct nacre_error *error)
 {
     const struct layout *l = &m->layouts[0];
@@ -412,12 +458,10 @@ static int prepare(struct terms *m, struct nacre_error *error)
     size_t items = (size_t)l->sizes.blocks * (size_t)l->sizes.height;
     size_t lanes = (size_t)m->data->copies[0].lanes;
     size_t area = (size_t)m->data->grid.window * (size_t)m->data->grid.window;
-    m->equation_size = terms * (terms + 1) / 2 + terms;
-    m->partials = malloc((2 * items + 1) * sizeof *m->partials);
-    m->sums = malloc((area * m->equation_size + 1) * sizeof *m->sums);
-    m->staged = malloc((area * terms + 1) * sizeof *m->staged);
+    m->partials = malloc(2 * items * sizeof *m->partials);
+    m->staged = malloc(area * terms * sizeof *m->staged);
     m->window = malloc(area * sizeof *m->window);
-    if (!m->partials || !m->sums || !m->staged || !m->window) {
+    if (!m->partials || !m->staged || !m->window) {
         return nacre_fail_memory(error, "the method");
     }
     int status = build(m, error);
@@ -430,8 +474,7 @@ static int prepare(struct terms *m, struct nacre_error *error)
     }
     m->curvature_floats = items * 2 * padded * padded * lanes;
     if (status == NACRE_OK) {
-        status = layout_make_buffer(l, area * m->equation_size * sizeof(float), NULL, false,
-                                    &m->equations, error);
+        status = prepare_equations(m, error);
     }
     for (int c = 0; c < m->data->responses->channels && status == NACRE_OK; c++) {
         status = prepare_channel(m, c, error);

@@ -8,9 +8,14 @@
  *     phase 3:  A += V (g other) (g other)^T for all pairs of terms, where that is asked for. Far from the centre it
  *               changes little from step to step, and only shapes them: an earlier one does
  *
- * with V = scale(d) (near(x) + far(x + d)). `descend` finds each point's best step from gradient and A, and `weigh` sums,
- * for each entry of the window, the normal equations of the kernels' values over all points. layout.cl tells how all
- * lies; the centre of the window is left out everywhere. */
+ * with V = scale(d) (near(x) + far(x + d)). `descend` finds each point's best step from gradient and A.
+ *
+ * The normal equations of the kernels' values at an entry d of the window are sums over all points of V p_t p_s and
+ * V R p_t, p_t(x) = own_t(x) other_t(x + d). The first are correlations of planes, scale(d) (near P * Q + P * far Q) with
+ * P = own_t own_s and Q = other_t other_s, the same for all channels: `multiply` makes the planes of a few pairs of terms,
+ * `correlate` the sums, each work-item those of a tile of DOWN x ACROSS distances. `lack` sums what was not measured and
+ * so is too much in them, `sides` makes the second. layout.cl tells how all lies; the centre of the window is left out
+ * everywhere. */
 
 #include "layout.cl"
 
@@ -20,14 +25,25 @@
 #ifndef CHUNK
 #define CHUNK 8 /* columns of the window at a time */
 #endif
-#ifndef COLUMNS
-#define COLUMNS 2 /* columns of the window of a work-item of weigh */
+#ifndef DOWN
+#define DOWN 3 /* rows and columns of the window of a work-item of correlate */
 #endif
+#ifndef ACROSS
+#define ACROSS 4
+#endif
+#ifndef COLUMNS
+#define COLUMNS 4 /* columns of the window of a work-item of sides */
+#endif
+#define STRETCH 16 /* blocks that sides takes at a time */
 #define VSTORE  JOIN(vstore, LANES)
 #define PADDED  ((TERMS + 1) / 2 * 2) /* terms are taken in twos */
 #define NEAR    3                     /* entries so near the centre are in A afresh each time */
 #define DISTANT 2                     /* of `step`: and all others too */
 #define PAIRS   (TERMS * (TERMS + 1) / 2)
+
+/* Terms whose sums are kept in registers together. */
+#define GROUPS ((PADDED + 9) / 10)
+#define GROUP  ((PADDED + GROUPS - 1) / GROUPS)
 
 /* Kahan's sum of one more value for each lane. */
 INLINE void add_exactly(VEC *total, VEC *lost, VEC more)
@@ -80,6 +96,35 @@ struct held {
     VEC residual[CHUNK], weight[CHUNK];
 };
 
+/* Phase 1 of `many` columns side by side from column j of the chunk on. Returns the sum of squares. */
+INLINE VEC find_some(struct held *h, global const stored *responses, global const ushort *mask,
+                     global const float *kernels, global const float *scales,
+                     global const float *other, global const float *far, int v, int e, int j,
+                     int block, const int many, const struct sizes s)
+{
+    global const float *g = kernels + (v * s.window + e) * TERMS;
+    global const float *there = other + e - s.window / 2;
+    VEC model[2] = {0, 0}, total = 0;
+    UNROLL for (int t = 0; t < TERMS; t++)
+    {
+        UNROLL for (int i = 0; i < many; i++)
+        {
+            VEC shaped = g[i * TERMS + t] * VLOAD(0, there + i + t * s.stride);
+            h->shaped[(j + i) * PADDED + t] = shaped;
+            model[i] = fma(h->own[t], shaped, model[i]);
+        }
+    }
+    UNROLL for (int i = 0; i < many; i++)
+    {
+        VEC weight = weight_of(mask, scales, h->near, far, v, e + i, block, s);
+        VEC miss = load_entry(responses, s.window, block, e + i, 0) - model[i];
+        h->weight[j + i] = weight;
+        h->residual[j + i] = weight * miss;
+        total = fma(h->residual[j + i], miss, total);
+    }
+    return total;
+}
+
 /* Phase 1. Returns the sum of squares. */
 INLINE VEC find_residuals(struct held *h, global const stored *responses, global const ushort *mask,
                           global const float *kernels, global const float *scales,
@@ -87,22 +132,14 @@ INLINE VEC find_residuals(struct held *h, global const stored *responses, global
                           int count, int block, const struct sizes s)
 {
     VEC total = 0;
-    for (int j = 0; j < count; j++) {
-        const int e = first + j;
-        global const float *g = kernels + (v * s.window + e) * TERMS;
-        global const float *there = other + e - s.window / 2;
-        VEC model = 0;
-        UNROLL for (int t = 0; t < TERMS; t++)
-        {
-            VEC shaped = g[t] * VLOAD(0, there + t * s.stride);
-            h->shaped[j * PADDED + t] = shaped;
-            model = fma(h->own[t], shaped, model);
-        }
-        VEC weight = weight_of(mask, scales, h->near, far, v, e, block, s);
-        VEC miss = load_entry(responses, s.window, block, e, 0) - model;
-        h->weight[j] = weight;
-        h->residual[j] = weight * miss;
-        total = fma(h->residual[j], miss, total);
+    int j = 0;
+    for (; j + 1 < count; j += 2) {
+        total += find_some(h, responses, mask, kernels, scales, other, far, v, first + j, j, block,
+                           2, s);
+    }
+    if (j < count) {
+        total += find_some(h, responses, mask, kernels, scales, other, far, v, first + j, j, block,
+                           1, s);
     }
     return total;
 }
@@ -110,14 +147,27 @@ INLINE VEC find_residuals(struct held *h, global const stored *responses, global
 /* Phase 2. */
 INLINE void add_gradient(struct held *h, int count)
 {
-    for (int t = 0; t < PADDED; t += 2) {
-        VEC a = h->gradient[t], b = h->gradient[t + 1];
-        for (int j = 0; j < count; j++) {
-            a = fma(h->residual[j], h->shaped[j * PADDED + t], a);
-            b = fma(h->residual[j], h->shaped[j * PADDED + t + 1], b);
+    UNROLL for (int first = 0; first < PADDED; first += GROUP)
+    {
+        VEC sums[GROUP];
+        UNROLL for (int i = 0; i < GROUP; i++)
+        {
+            sums[i] = first + i < PADDED ? h->gradient[min(first + i, PADDED - 1)] : (VEC)(0);
         }
-        h->gradient[t] = a;
-        h->gradient[t + 1] = b;
+        for (int j = 0; j < count; j++) {
+            const VEC residual = h->residual[j];
+            UNROLL for (int i = 0; i < GROUP; i++)
+            {
+                sums[i] =
+                    fma(residual, h->shaped[j * PADDED + min(first + i, PADDED - 1)], sums[i]);
+            }
+        }
+        UNROLL for (int i = 0; i < GROUP; i++)
+        {
+            if (first + i < PADDED) {
+                h->gradient[first + i] = sums[i];
+            }
+        }
     }
 }
 
@@ -270,62 +320,227 @@ INLINE float sum_lanes(VEC value)
     return sum;
 }
 
-/* For entries e of rows v of the window from `top` on: equations[v][e][PAIRS + TERMS], the sums over points of
- * V p_t p_s, s <= t, and of V R p_t, where p_t(x) = own_t(x) other_t(x + d). Items: (columns, v - top). */
-kernel void weigh(global const stored *responses, global const ushort *mask,
-                  global const float *scales, global const float *own, global const float *other,
-                  global const float *near, global const float *far, global float *equations,
-                  int top, const struct sizes s)
+/* The two terms of a pair, t >= s. */
+INLINE void terms_of(int pair, int *t, int *u)
 {
-    const int v = get_global_id(1) + top, half_window = s.window / 2;
-    for (int j = 0; j < COLUMNS; j++) {
-        const int e = get_global_id(0) * COLUMNS + j;
-        VEC sums[PAIRS + TERMS], lost[PAIRS + TERMS];
-        if (e >= s.window) {
-            continue;
+    *t = 0;
+    while (pair > *t) {
+        pair -= ++*t;
+    }
+    *u = pair;
+}
+
+/* Planes of `pair` = first + item: weighted[item][window / 2 + DOWN zeros | height | as many][stride] are near own_t own_s,
+ * plain[item][height][stride] other_t other_s. Items: (vectors of a row with its pads, y, item). */
+kernel void multiply(global const float *own, global const float *other, global const float *near,
+                     global float *weighted, global float *plain, int first, const struct sizes s)
+{
+    const int x = get_global_id(0) * LANES, y = get_global_id(1), item = get_global_id(2);
+    const int guard = s.window / 2 + DOWN;
+    const size_t here = (size_t)y * s.planes * s.stride + x;
+    int t, u;
+    terms_of(first + item, &t, &u);
+    VEC p = VLOAD(0, own + here + (size_t)t * s.stride) *
+            VLOAD(0, own + here + (size_t)u * s.stride);
+    VEC q = VLOAD(0, other + here + (size_t)t * s.stride) *
+            VLOAD(0, other + here + (size_t)u * s.stride);
+    VSTORE(p * VLOAD(0, near + (size_t)y * s.stride + x), 0,
+           weighted + ((size_t)item * (s.height + 2 * guard) + guard + y) * s.stride + x);
+    VSTORE(q, 0, plain + ((size_t)item * s.height + y) * s.stride + x);
+}
+
+/* correlations[pair][K][K]: the sums over x of weighted(x) plain(x + d). Items: (tile of columns, tile of rows, item). */
+kernel void correlate(global const float *weighted, global const float *plain,
+                      global float *correlations, int first, const struct sizes s)
+{
+    const int e = get_global_id(0) * ACROSS, v = get_global_id(1) * DOWN;
+    const int item = get_global_id(2), half_window = s.window / 2, guard = half_window + DOWN;
+    const int begin = max(0, v - half_window);
+    const int end = min(s.height, s.height + v - half_window + DOWN - 1);
+    global const float *from =
+        weighted + ((size_t)item * (s.height + 2 * guard) + guard + half_window - v) * s.stride;
+    global const float *there = plain + (size_t)item * s.height * s.stride + e - half_window;
+    VEC sums[DOWN * ACROSS], lost[DOWN * ACROSS];
+    for (int i = 0; i < DOWN * ACROSS; i++) {
+        sums[i] = 0;
+        lost[i] = 0;
+    }
+    for (int block = 0; block < s.blocks; block++) {
+        const int x = s.pad + block * LANES;
+        VEC column[DOWN * ACROSS], p[DOWN];
+        UNROLL for (int i = 0; i < DOWN * ACROSS; i++)
+        {
+            column[i] = 0;
         }
-        for (int i = 0; i < PAIRS + TERMS; i++) {
-            sums[i] = 0;
-            lost[i] = 0;
+        UNROLL for (int i = 1; i < DOWN; i++)
+        {
+            p[i - 1] = VLOAD(0, from + (begin - i) * s.stride + x);
         }
-        for (int y = max(0, half_window - v); y < min(s.height, s.height + half_window - v); y++) {
-            const int there = y + v - half_window;
-            const size_t at = s.lead + ((size_t)y * s.window + v) * (size_t)s.row;
-            VEC row[PAIRS + TERMS];
-            for (int i = 0; i < PAIRS + TERMS; i++) {
-                row[i] = 0;
+        for (int r = begin; r < end; r++) {
+            UNROLL for (int i = DOWN - 1; i > 0; i--)
+            {
+                p[i] = p[i - 1];
             }
-            for (int block = 0; block < s.blocks; block++) {
-                const int x = s.pad + block * LANES;
-                VEC product[TERMS];
-                VEC weight = weight_of(mask + (MASKED ? at / LANES : 0), scales,
-                                       VLOAD(0, near + (size_t)y * s.stride + x),
-                                       far + (size_t)there * s.stride + x, v, e, block, s);
-                VEC measured = load_entry(responses + at, s.window, block, e, 0);
-                UNROLL for (int t = 0; t < TERMS; t++)
+            p[0] = VLOAD(0, from + r * s.stride + x);
+            UNROLL for (int j = 0; j < ACROSS; j++)
+            {
+                const VEC q = VLOAD(0, there + r * s.stride + x + j);
+                UNROLL for (int i = 0; i < DOWN; i++)
                 {
-                    product[t] = VLOAD(0, own + ((size_t)y * s.planes + t) * s.stride + x) *
-                                 VLOAD(0, other + ((size_t)there * s.planes + t) * s.stride + x +
-                                              e - half_window);
+                    column[i * ACROSS + j] = fma(p[i], q, column[i * ACROSS + j]);
                 }
-                int i = 0;
-                UNROLL for (int t = 0; t < TERMS; t++)
-                {
-                    VEC weighted = weight * product[t];
-                    UNROLL for (int u = 0; u <= t; u++)
-                    {
-                        row[i] = fma(weighted, product[u], row[i]);
-                        i++;
-                    }
-                    row[PAIRS + t] = fma(weighted, measured, row[PAIRS + t]);
-                }
-            }
-            for (int i = 0; i < PAIRS + TERMS; i++) {
-                add_exactly(&sums[i], &lost[i], row[i]);
             }
         }
-        for (int i = 0; i < PAIRS + TERMS; i++) {
-            equations[((size_t)v * s.window + e) * (PAIRS + TERMS) + i] = sum_lanes(sums[i]);
+        for (int i = 0; i < DOWN * ACROSS; i++) {
+            add_exactly(&sums[i], &lost[i], column[i]);
         }
     }
+    for (int i = 0; i < DOWN; i++) {
+        for (int j = 0; j < ACROSS; j++) {
+            if (v + i < s.window && e + j < s.window) {
+                correlations[((size_t)(first + item) * s.window + v + i) * s.window + e + j] =
+                    sum_lanes(sums[i * ACROSS + j]);
+            }
+        }
+    }
+}
+
+/* For entries e of rows v of the window from `top` on: sides[v][e][TERMS], the sums over points of V R p_t, V without its
+ * scale. Items: (columns, v - top). */
+kernel void sides(global const stored *responses, global const ushort *mask,
+                  global const float *own, global const float *other, global const float *near,
+                  global const float *far, global float *sides, int top, const struct sizes s)
+{
+    const int v = get_global_id(1) + top, half_window = s.window / 2;
+    const int e = get_global_id(0) * COLUMNS, count = min(COLUMNS, s.window - e);
+    VEC sums[TERMS * COLUMNS], lost[TERMS * COLUMNS], weighted[STRETCH * COLUMNS];
+    for (int i = 0; i < TERMS * COLUMNS; i++) {
+        sums[i] = 0;
+        lost[i] = 0;
+    }
+    for (int i = 0; i < STRETCH * COLUMNS; i++) {
+        weighted[i] = 0;
+    }
+    for (int y = max(0, half_window - v); y < min(s.height, s.height + half_window - v); y++) {
+        const int there = y + v - half_window;
+        const size_t at = s.lead + ((size_t)y * s.window + v) * (size_t)s.row;
+        global const float *of_own = own + (size_t)y * s.planes * s.stride + s.pad;
+        global const float *of_other =
+            other + (size_t)there * s.planes * s.stride + s.pad + e - half_window;
+        VEC row[TERMS * COLUMNS];
+        for (int i = 0; i < TERMS * COLUMNS; i++) {
+            row[i] = 0;
+        }
+        for (int block = 0; block < s.blocks; block += STRETCH) {
+            const int blocks = min(STRETCH, s.blocks - block);
+            for (int b = 0; b < blocks; b++) {
+                const int x = s.pad + (block + b) * LANES;
+                const VEC here = VLOAD(0, near + (size_t)y * s.stride + x);
+                for (int j = 0; j < count; j++) {
+                    VEC weight = here + VLOAD(0, far + (size_t)there * s.stride + x + e + j -
+                                                     half_window);
+                    if (MASKED) {
+                        weight = select(
+                            (VEC)(0), weight,
+                            load_mask(mask + at / LANES, s.window, block + b, e + j, 0));
+                    }
+                    weighted[b * COLUMNS + j] =
+                        weight * load_entry(responses + at, s.window, block + b, e + j, 0);
+                }
+            }
+            for (int t = 0; t < TERMS; t++) {
+                VEC part[COLUMNS];
+                UNROLL for (int j = 0; j < COLUMNS; j++)
+                {
+                    part[j] = row[t * COLUMNS + j];
+                }
+                for (int b = 0; b < blocks; b++) {
+                    const int x = t * s.stride + (block + b) * LANES;
+                    const VEC mine = VLOAD(0, of_own + x);
+                    UNROLL for (int j = 0; j < COLUMNS; j++)
+                    {
+                        part[j] = fma(mine * weighted[b * COLUMNS + j], VLOAD(0, of_other + x + j),
+                                      part[j]);
+                    }
+                }
+                UNROLL for (int j = 0; j < COLUMNS; j++)
+                {
+                    row[t * COLUMNS + j] = part[j];
+                }
+            }
+        }
+        for (int i = 0; i < TERMS * COLUMNS; i++) {
+            add_exactly(&sums[i], &lost[i], row[i]);
+        }
+    }
+    for (int j = 0; j < count; j++) {
+        for (int t = 0; t < TERMS; t++) {
+            sides[((size_t)v * s.window + e + j) * TERMS + t] = sum_lanes(sums[t * COLUMNS + j]);
+        }
+    }
+}
+
+/* For entries e of rows v of the window from `top` on: what the correlations have too much, lacks[v][e][PAIRS], the sums of
+ * V p_t p_s over points where the entry was not measured; or, where that is most of them, over those where it was, and
+ * measured[v][e] = 1 in place of 0. Items: (e, v - top). */
+kernel void lack(global const ushort *mask, global const float *own, global const float *other,
+                 global const float *near, global const float *far, global float *lacks,
+                 global int *measured, int top, const struct sizes s)
+{
+    const int v = get_global_id(1) + top, e = get_global_id(0), half_window = s.window / 2;
+    const int begin = max(0, half_window - v), end = min(s.height, s.height + half_window - v);
+    const IVEC all = (IVEC)(-1);
+    int missing = 0, taken = 0;
+    VEC sums[PAIRS], lost[PAIRS];
+    for (int i = 0; i < PAIRS; i++) {
+        sums[i] = 0;
+        lost[i] = 0;
+    }
+    for (int y = begin; y < end; y++) {
+        const size_t at = (s.lead + ((size_t)y * s.window + v) * (size_t)s.row) / LANES;
+        for (int block = 0; block < s.blocks; block++) {
+            missing += any(load_mask(mask + at, s.window, block, e, 0) != all);
+        }
+    }
+    taken = 2 * missing > (end - begin) * s.blocks;
+    for (int y = begin; y < end; y++) {
+        const int there = y + v - half_window;
+        const size_t at = (s.lead + ((size_t)y * s.window + v) * (size_t)s.row) / LANES;
+        VEC row[PAIRS];
+        int found = 0;
+        for (int block = 0; block < s.blocks; block++) {
+            const int x = s.pad + block * LANES;
+            const IVEC bits = load_mask(mask + at, s.window, block, e, 0);
+            const IVEC chosen = taken ? bits : ~bits;
+            if (!any(chosen)) {
+                continue;
+            }
+            for (int i = 0; i < PAIRS && !found; i++) {
+                row[i] = 0;
+            }
+            found = 1;
+            VEC weight = VLOAD(0, near + (size_t)y * s.stride + x) +
+                         VLOAD(0, far + (size_t)there * s.stride + x + e - half_window);
+            weight = select((VEC)(0), weight, chosen);
+            VEC product[TERMS];
+            for (int t = 0; t < TERMS; t++) {
+                product[t] = VLOAD(0, own + ((size_t)y * s.planes + t) * s.stride + x) *
+                             VLOAD(0, other + ((size_t)there * s.planes + t) * s.stride + x + e -
+                                          half_window);
+            }
+            for (int t = 0, i = 0; t < TERMS; t++) {
+                VEC weighted = weight * product[t];
+                for (int u = 0; u <= t; u++, i++) {
+                    row[i] = fma(weighted, product[u], row[i]);
+                }
+            }
+        }
+        for (int i = 0; i < PAIRS && found; i++) {
+            add_exactly(&sums[i], &lost[i], row[i]);
+        }
+    }
+    for (int i = 0; i < PAIRS; i++) {
+        lacks[((size_t)v * s.window + e) * PAIRS + i] = sum_lanes(sums[i]);
+    }
+    measured[v * s.window + e] = taken;
 }

@@ -35,19 +35,21 @@ static float least_damping(const struct terms *m)
     return m->sides == 1 ? BOTH_WAYS : 1;
 }
 
+/* Items of as many dimensions as are not 0. */
 static int run(struct terms *m, enum terms_kernel name, const void *const *values,
-               const size_t *sizes, int count, size_t across, size_t down, int dimensions,
+               const size_t *sizes, int count, size_t across, size_t down, size_t deep,
                struct nacre_error *error)
 {
     const struct opencl *opencl = m->layouts[0].opencl;
-    const size_t items[] = {across, down}, one[] = {1, 1};
+    const size_t items[] = {across, down, deep}, one[] = {1, 1, 1};
+    const cl_uint dimensions = deep > 0 ? 3 : down > 0 ? 2 : 1;
     cl_int status = CL_SUCCESS;
     for (int i = 0; i < count && status == CL_SUCCESS; i++) {
         status = clSetKernelArg(m->kernels[name], (cl_uint)i, sizes[i], values[i]);
     }
     if (status == CL_SUCCESS) {
-        status = clEnqueueNDRangeKernel(opencl->queue, m->kernels[name], (cl_uint)dimensions, NULL,
-                                        items, dimensions == 2 ? one : NULL, 0, NULL, NULL);
+        status = clEnqueueNDRangeKernel(opencl->queue, m->kernels[name], dimensions, NULL, items,
+                                        dimensions > 1 ? one : NULL, 0, NULL, NULL);
     }
     return opencl_check(opencl, status, "cannot run a step of the terms", error);
 }
@@ -81,7 +83,7 @@ static int visit_channel(struct terms *m, const struct terms_set *set, int chann
     sizes[11] = sizes[12] = sizeof(cl_int);
     sizes[13] = sizeof l->sizes;
     return run(m, TERMS_VISIT, values, sizes, 14, (size_t)l->sizes.blocks, (size_t)l->sizes.height,
-               2, error);
+               0, error);
 }
 
 static int visit(struct terms *m, const struct terms_set *set, int side, cl_mem own, cl_mem other,
@@ -123,7 +125,7 @@ static int descend(struct terms *m, const struct terms_set *set, struct terms_tr
     const size_t sizes[] = {sizeof(cl_mem),      sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem),
                             sizeof set->damping, sizeof sweeps,  sizeof l->sizes};
     return run(m, TERMS_DESCEND, values, sizes, 7, (size_t)l->sizes.blocks, (size_t)l->sizes.height,
-               2, error);
+               0, error);
 }
 
 static int extrapolate(struct terms *m, struct terms_track *track, float share,
@@ -132,7 +134,7 @@ static int extrapolate(struct terms *m, struct terms_track *track, float share,
     const void *values[] = {&track->fresh, &track->last, &track->next, &share};
     const size_t sizes[] = {sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem), sizeof share};
     int status =
-        run(m, TERMS_EXTRAPOLATE, values, sizes, 4, m->layouts[0].factor_floats, 1, 1, error);
+        run(m, TERMS_EXTRAPOLATE, values, sizes, 4, m->layouts[0].factor_floats, 0, 0, error);
     cl_mem kept = track->last;
     track->last = track->fresh;
     track->fresh = kept;
@@ -160,45 +162,122 @@ int terms_place_kernels(struct terms *m, int channel, const float *numbers,
     return opencl_check(l->opencl, status, "cannot write the kernels", error);
 }
 
+static int read_floats(struct terms *m, cl_mem from, size_t count, void *to,
+                       struct nacre_error *error)
+{
+    const struct opencl *opencl = m->layouts[0].opencl;
+    return opencl_check(opencl,
+                        clEnqueueReadBuffer(opencl->queue, from, CL_TRUE, 0, count * sizeof(float),
+                                            to, 0, NULL, NULL),
+                        "cannot read the kernels' equations", error);
+}
+
+/* The part of the kernels' equations that is the same for all channels. */
+static int correlate(struct terms *m, cl_mem own, cl_mem other, struct nacre_error *error)
+{
+    const struct layout_sizes *s = &m->layouts[0].sizes;
+    size_t lanes = (size_t)m->data->copies[0].lanes, window = (size_t)s->window;
+    cl_int pairs = s->terms * (s->terms + 1) / 2;
+    int status = NACRE_OK;
+    for (cl_int first = 0; first < pairs && status == NACRE_OK; first += TERMS_PRODUCTS) {
+        size_t count = (size_t)(pairs - first < TERMS_PRODUCTS ? pairs - first : TERMS_PRODUCTS);
+        const void *products[] = {
+            &own, &other, &m->weights, &m->equations.weighted, &m->equations.plain, &first, s};
+        const void *sums[] = {&m->equations.weighted, &m->equations.plain,
+                              &m->equations.correlations, &first, s};
+        const size_t sizes[] = {sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem),
+                                sizeof(cl_mem), sizeof first,   sizeof *s};
+        status = run(m, TERMS_MULTIPLY, products, sizes, 7, (size_t)s->stride / lanes,
+                     (size_t)s->height, count, error);
+        if (status == NACRE_OK) {
+            status = run(m, TERMS_CORRELATE, sums, sizes + 2, 5,
+                         (window + TERMS_ACROSS - 1) / TERMS_ACROSS,
+                         (window + TERMS_DOWN - 1) / TERMS_DOWN, count, error);
+        }
+    }
+    return status == NACRE_OK ? read_floats(m, m->equations.correlations,
+                                            (size_t)pairs * window * window, m->correlations, error)
+                              : status;
+}
+
+/* The channel's own part: right sides, and what was not measured. */
+static int find_sides(struct terms *m, int channel, cl_mem own, cl_mem other, cl_int top,
+                      struct nacre_error *error)
+{
+    const struct layout *l = &m->layouts[0];
+    const struct layout_sizes *s = &l->sizes;
+    size_t window = (size_t)s->window, rows = window - (size_t)top;
+    size_t terms = (size_t)s->terms, pairs = terms * (terms + 1) / 2;
+    cl_mem far = m->sides == 2 ? m->nothing : m->weights;
+    cl_mem mask = l->channels[channel].mask;
+    const void *sides[] = {&l->channels[channel].responses,
+                           &mask,
+                           &own,
+                           &other,
+                           &m->weights,
+                           &far,
+                           &m->equations.sides,
+                           &top,
+                           s};
+    const void *lacks[] = {
+        &mask, &own, &other, &m->weights, &far, &m->equations.lacks, &m->equations.measured,
+        &top,  s};
+    const size_t sizes[] = {sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem),
+                            sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem),
+                            sizeof(cl_mem), sizeof top,     sizeof *s};
+    int status = run(m, TERMS_SIDES, sides, sizes, 9, (window + TERMS_COLUMNS - 1) / TERMS_COLUMNS,
+                     rows, 0, error);
+    if (status == NACRE_OK) {
+        status = read_floats(m, m->equations.sides, window * window * terms, m->right, error);
+    }
+    if (status == NACRE_OK && m->lacks) {
+        status = run(m, TERMS_LACK, lacks, sizes, 9, window, rows, 0, error);
+    }
+    if (status == NACRE_OK && m->lacks) {
+        status = read_floats(m, m->equations.lacks, window * window * pairs, m->lacks, error);
+    }
+    return status == NACRE_OK && m->lacks
+               ? read_floats(m, m->equations.measured, window * window, m->measured, error)
+               : status;
+}
+
+/* One channel's equations from what was read. Where both ends weigh, each distance is met forth and back. */
+static void assemble_equations(struct terms *m, int channel, int top)
+{
+    const struct terms_data *d = m->data;
+    size_t window = (size_t)d->grid.window, area = window * window;
+    size_t terms = (size_t)m->layouts[0].sizes.terms, pairs = terms * (terms + 1) / 2;
+    for (size_t i = (size_t)top * window; i < area; i++) {
+        float *to = m->sums + i * m->equation_size;
+        double scale = (double)d->scales[channel][i];
+        for (size_t pair = 0; pair < pairs; pair++) {
+            const float *of_pair = m->correlations + pair * area;
+            double sum = (double)of_pair[i];
+            sum += m->sides == 1 ? (double)of_pair[area - 1 - i] : 0;
+            if (m->lacks) {
+                double lack = (double)m->lacks[i * pairs + pair];
+                sum = m->measured[i] ? lack : fmax(0, sum - lack);
+            }
+            to[pair] = (float)(scale * sum);
+        }
+        for (size_t t = 0; t < terms; t++) {
+            to[pairs + t] = (float)(scale * (double)m->right[i * terms + t]);
+        }
+    }
+}
+
 /* The best kernels for the planes that wait. */
 static int find_kernels(struct terms *m, struct terms_set *set, struct nacre_error *error)
 {
-    const struct layout *l = &m->layouts[0];
     const struct terms_grid *g = &m->data->grid;
     cl_mem own = set->tracks[0].next, other = set->tracks[m->sides - 1].next;
-    cl_mem far = m->sides == 2 ? m->nothing : m->weights;
     const cl_int top = m->sides == 2 ? 0 : g->window / 2;
-    size_t area = (size_t)g->window * (size_t)g->window;
-    size_t across = (size_t)((g->window + TERMS_COLUMNS - 1) / TERMS_COLUMNS);
-    int status = NACRE_OK;
+    int status = correlate(m, own, other, error);
     for (int c = set->first; c < set->first + set->count && status == NACRE_OK; c++) {
-        const void *values[] = {&l->channels[c].responses,
-                                &l->channels[c].mask,
-                                &m->channels[c].scales[0],
-                                &own,
-                                &other,
-                                &m->weights,
-                                &far,
-                                &m->equations,
-                                &top,
-                                &l->sizes};
-        size_t sizes[10];
-        for (int i = 0; i < 8; i++) {
-            sizes[i] = sizeof(cl_mem);
-        }
-        sizes[8] = sizeof top;
-        sizes[9] = sizeof l->sizes;
-        status =
-            run(m, TERMS_WEIGH, values, sizes, 10, across, (size_t)(g->window - top), 2, error);
+        status = find_sides(m, c, own, other, top, error);
         if (status == NACRE_OK) {
-            status = opencl_check(l->opencl,
-                                  clEnqueueReadBuffer(l->opencl->queue, m->equations, CL_TRUE, 0,
-                                                      area * m->equation_size * sizeof *m->sums,
-                                                      m->sums, 0, NULL, NULL),
-                                  "cannot read the kernels' equations", error);
-        }
-        if (status == NACRE_OK) {
-            status = terms_kernels_solve(g, l->sizes.terms, m->sides == 1, m->sums,
+            assemble_equations(m, c, top);
+            status = terms_kernels_solve(g, m->layouts[0].sizes.terms, m->sides == 1, m->sums,
                                          m->channels[c].next, error);
         }
         if (status == NACRE_OK) {

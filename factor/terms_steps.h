@@ -10,11 +10,17 @@ enum terms_kernel {
     TERMS_VISIT,
     TERMS_DESCEND,
     TERMS_EXTRAPOLATE,
-    TERMS_WEIGH,
+    TERMS_MULTIPLY,
+    TERMS_CORRELATE,
+    TERMS_SIDES,
+    TERMS_LACK,
     TERMS_KERNEL_COUNT
 };
 
-enum { TERMS_SWEEPS = 10, TERMS_COLUMNS = 2 /* as COLUMNS in terms.cl */ };
+enum { TERMS_SWEEPS = 10 };
+
+/* As in terms.cl; and pairs of terms whose products are held at a time. */
+enum { TERMS_DOWN = 3, TERMS_ACROSS = 4, TERMS_COLUMNS = 4, TERMS_PRODUCTS = 18 };
 
 /* Planes of one set: F, or H where it is another. */
 struct terms_track {
@@ -55,13 +61,18 @@ struct terms {
         float *good, *next; /* [terms][numbers of a kernel] */
     } channels[RESPONSES_CHANNELS];
     cl_mem weights, nothing; /* [height][stride] */
-    cl_mem gradient, equations;
-    size_t curvature_floats; /* of one set */
-    float *partials;         /* sums of the objective */
-    float *sums;             /* equations on the host */
-    float *staged;           /* kernels on their way to the device */
-    float *window;           /* [K][K] */
-    size_t equation_size;    /* floats of an entry's equations */
+    cl_mem gradient;
+    struct { /* of the kernels' equations, as in terms.cl */
+        cl_mem weighted, plain, correlations, sides, lacks, measured;
+    } equations;
+    size_t curvature_floats;             /* of one set */
+    float *partials;                     /* sums of the objective */
+    float *correlations, *right, *lacks; /* equations on the host */
+    cl_int *measured;
+    float *sums;          /* of a channel: [K][K][pairs + terms] */
+    float *staged;        /* kernels on their way to the device */
+    float *window;        /* [K][K] */
+    size_t equation_size; /* floats of an entry's equations */
 };
 
 /* Make sure that what waits in `next` does not raise the objective, and take it as the model; then make the step from
