@@ -32,11 +32,12 @@ static int build(struct terms *m, struct nacre_error *error)
         "visit", "descend", "extrapolate", "multiply", "correlate", "sides", "lack"};
     const struct layout *l = &m->layouts[0];
     const struct responses *r = l->problem->responses;
-    char options[160];
+    char options[192];
     (void)snprintf(options, sizeof options,
-                   "-DLANES=%d -DTERMS=%d -DMASKED=%d -DHALF=%d -DDOWN=%d -DACROSS=%d -DCOLUMNS=%d",
+                   "-DLANES=%d -DTERMS=%d -DMASKED=%d -DHALF=%d -DDOWN=%d -DACROSS=%d -DCOLUMNS=%d "
+                   "-DWINDOW=%d",
                    r->lanes, l->sizes.terms, r->mask_needed, r->half, TERMS_DOWN, TERMS_ACROSS,
-                   TERMS_COLUMNS);
+                   TERMS_COLUMNS, l->sizes.window);
     if (opencl_build(l->opencl, &terms_cl, options, &m->program, error) != NACRE_OK) {
         return NACRE_FAILED;
     }

@@ -32,9 +32,20 @@
 #define ACROSS 4
 #endif
 #ifndef COLUMNS
-#define COLUMNS 4 /* columns of the window of a work-item of sides */
+#define COLUMNS 4 /* columns of the window whose sums sides keeps in registers */
 #endif
-#define STRETCH 16 /* blocks that sides takes at a time */
+#ifndef WINDOW
+#define WINDOW 49 /* columns of the window */
+#endif
+#ifndef PREFETCH
+#ifdef __clang__
+#define PREFETCH 1 /* fetch the responses of the next row ahead of their use */
+#else
+#define PREFETCH 0
+#endif
+#endif
+#define TILES   ((WINDOW + COLUMNS - 1) / COLUMNS)
+#define STRETCH 8 /* blocks that sides takes at a time */
 #define VSTORE  JOIN(vstore, LANES)
 #define PADDED  ((TERMS + 1) / 2 * 2) /* terms are taken in twos */
 #define NEAR    3                     /* entries so near the centre are in A afresh each time */
@@ -171,30 +182,49 @@ INLINE void add_gradient(struct held *h, int count)
     }
 }
 
-/* Phase 3: the lower triangle of curvature[PADDED][PADDED], in tiles of 2 x 2. */
+/* Rows t ... t + many - 1 of phase 3. */
+INLINE void add_rows(global VEC *curvature, const struct held *h, int count, int t, const int many)
+{
+    VEC weighted[CHUNK * 4];
+    for (int j = 0; j < count; j++) {
+        UNROLL for (int i = 0; i < many; i++)
+        {
+            weighted[j * 4 + i] = h->weight[j] * h->shaped[j * PADDED + t + i];
+        }
+    }
+    for (int s = 0; s < t + many; s += 2) {
+        global VEC *at = curvature + t * PADDED + s;
+        VEC left[4], right[4];
+        UNROLL for (int i = 0; i < many; i++)
+        {
+            left[i] = at[i * PADDED];
+            right[i] = at[i * PADDED + 1];
+        }
+        for (int j = 0; j < count; j++) {
+            const VEC p = h->shaped[j * PADDED + s], q = h->shaped[j * PADDED + s + 1];
+            UNROLL for (int i = 0; i < many; i++)
+            {
+                left[i] = fma(weighted[j * 4 + i], p, left[i]);
+                right[i] = fma(weighted[j * 4 + i], q, right[i]);
+            }
+        }
+        UNROLL for (int i = 0; i < many; i++)
+        {
+            at[i * PADDED] = left[i];
+            at[i * PADDED + 1] = right[i];
+        }
+    }
+}
+
+/* Phase 3: the lower triangle of curvature[PADDED][PADDED], in tiles of 4 x 2. */
 INLINE void add_curvature(global VEC *curvature, const struct held *h, int count)
 {
-    for (int t = 0; t < PADDED; t += 2) {
-        VEC of_t[CHUNK], of_u[CHUNK];
-        for (int j = 0; j < count; j++) {
-            of_t[j] = h->weight[j] * h->shaped[j * PADDED + t];
-            of_u[j] = h->weight[j] * h->shaped[j * PADDED + t + 1];
-        }
-        for (int s = 0; s <= t; s += 2) {
-            global VEC *at = curvature + t * PADDED + s;
-            VEC a = at[0], b = at[1], c = at[PADDED], d = at[PADDED + 1];
-            for (int j = 0; j < count; j++) {
-                VEC p = h->shaped[j * PADDED + s], q = h->shaped[j * PADDED + s + 1];
-                a = fma(of_t[j], p, a);
-                b = fma(of_t[j], q, b);
-                c = fma(of_u[j], p, c);
-                d = fma(of_u[j], q, d);
-            }
-            at[0] = a;
-            at[1] = b;
-            at[PADDED] = c;
-            at[PADDED + 1] = d;
-        }
+    int t = 0;
+    for (; t + 4 <= PADDED; t += 4) {
+        add_rows(curvature, h, count, t, 4);
+    }
+    if (t < PADDED) {
+        add_rows(curvature, h, count, t, 2);
     }
 }
 
@@ -235,6 +265,12 @@ kernel void visit(global const stored *responses, global const ushort *mask,
         const int there = y + v - half_window;
         const size_t at = s.lead + ((size_t)y * s.window + v) * (size_t)s.row;
         VEC row = 0;
+#if PREFETCH
+        global const stored *next = responses + at + s.row + (size_t)block * s.window * LANES;
+        for (int i = 0; i < s.window * LANES; i += 64 / (int)sizeof(stored)) {
+            __builtin_prefetch((const void *)(size_t)(next + i));
+        }
+#endif
         const int left = half_window - NEAR, right = half_window + NEAR + 1;
         const int beside = v >= left && v < right;
         int count;
@@ -405,77 +441,86 @@ kernel void correlate(global const float *weighted, global const float *plain,
     }
 }
 
-/* For entries e of rows v of the window from `top` on: sides[v][e][TERMS], the sums over points of V R p_t, V without its
- * scale. Items: (columns, v - top). */
+/* V R of a few blocks and all columns of the window, 0 beyond it. */
+INLINE void weigh_responses(VEC *weighted, global const stored *responses,
+                            global const ushort *mask, global const float *near,
+                            global const float *far, int block, int blocks, const struct sizes s)
+{
+    for (int b = 0; b < blocks; b++) {
+        const int x = (block + b) * LANES;
+        const VEC here = VLOAD(0, near + x);
+        for (int e = 0; e < WINDOW; e++) {
+            VEC weight = here + VLOAD(0, far + x + e);
+            if (MASKED) {
+                weight = select((VEC)(0), weight, load_mask(mask, WINDOW, block + b, e, 0));
+            }
+            weighted[b * TILES * COLUMNS + e] =
+                weight * load_entry(responses, WINDOW, block + b, e, 0);
+        }
+    }
+}
+
+/* For rows v of the window from `top` on: sides[v][e][TERMS], the sums over points of V R p_t, V without its scale. Items:
+ * v - top. */
 kernel void sides(global const stored *responses, global const ushort *mask,
                   global const float *own, global const float *other, global const float *near,
                   global const float *far, global float *sides, int top, const struct sizes s)
 {
-    const int v = get_global_id(1) + top, half_window = s.window / 2;
-    const int e = get_global_id(0) * COLUMNS, count = min(COLUMNS, s.window - e);
-    VEC sums[TERMS * COLUMNS], lost[TERMS * COLUMNS], weighted[STRETCH * COLUMNS];
-    for (int i = 0; i < TERMS * COLUMNS; i++) {
+    const int v = get_global_id(0) + top, half_window = s.window / 2;
+    VEC sums[TERMS * TILES * COLUMNS], lost[TERMS * TILES * COLUMNS], row[TERMS * TILES * COLUMNS];
+    VEC weighted[STRETCH * TILES * COLUMNS];
+    for (int i = 0; i < TERMS * TILES * COLUMNS; i++) {
         sums[i] = 0;
         lost[i] = 0;
     }
-    for (int i = 0; i < STRETCH * COLUMNS; i++) {
+    for (int i = 0; i < STRETCH * TILES * COLUMNS; i++) {
         weighted[i] = 0;
     }
     for (int y = max(0, half_window - v); y < min(s.height, s.height + half_window - v); y++) {
         const int there = y + v - half_window;
         const size_t at = s.lead + ((size_t)y * s.window + v) * (size_t)s.row;
-        global const float *of_own = own + (size_t)y * s.planes * s.stride + s.pad;
-        global const float *of_other =
-            other + (size_t)there * s.planes * s.stride + s.pad + e - half_window;
-        VEC row[TERMS * COLUMNS];
-        for (int i = 0; i < TERMS * COLUMNS; i++) {
+        for (int i = 0; i < TERMS * TILES * COLUMNS; i++) {
             row[i] = 0;
         }
         for (int block = 0; block < s.blocks; block += STRETCH) {
             const int blocks = min(STRETCH, s.blocks - block);
-            for (int b = 0; b < blocks; b++) {
-                const int x = s.pad + (block + b) * LANES;
-                const VEC here = VLOAD(0, near + (size_t)y * s.stride + x);
-                for (int j = 0; j < count; j++) {
-                    VEC weight = here + VLOAD(0, far + (size_t)there * s.stride + x + e + j -
-                                                     half_window);
-                    if (MASKED) {
-                        weight = select(
-                            (VEC)(0), weight,
-                            load_mask(mask + at / LANES, s.window, block + b, e + j, 0));
-                    }
-                    weighted[b * COLUMNS + j] =
-                        weight * load_entry(responses + at, s.window, block + b, e + j, 0);
-                }
-            }
+            weigh_responses(weighted, responses + at, mask + (MASKED ? at / LANES : 0),
+                            near + (size_t)y * s.stride + s.pad,
+                            far + (size_t)there * s.stride + s.pad - half_window, block, blocks, s);
             for (int t = 0; t < TERMS; t++) {
-                VEC part[COLUMNS];
-                UNROLL for (int j = 0; j < COLUMNS; j++)
-                {
-                    part[j] = row[t * COLUMNS + j];
-                }
-                for (int b = 0; b < blocks; b++) {
-                    const int x = t * s.stride + (block + b) * LANES;
-                    const VEC mine = VLOAD(0, of_own + x);
+                global const float *of_own =
+                    own + ((size_t)y * s.planes + t) * s.stride + s.pad + block * LANES;
+                global const float *of_other = other + ((size_t)there * s.planes + t) * s.stride +
+                                               s.pad + block * LANES - half_window;
+                for (int e = 0; e < TILES * COLUMNS; e += COLUMNS) {
+                    VEC part[COLUMNS];
                     UNROLL for (int j = 0; j < COLUMNS; j++)
                     {
-                        part[j] = fma(mine * weighted[b * COLUMNS + j], VLOAD(0, of_other + x + j),
-                                      part[j]);
+                        part[j] = row[t * TILES * COLUMNS + e + j];
                     }
-                }
-                UNROLL for (int j = 0; j < COLUMNS; j++)
-                {
-                    row[t * COLUMNS + j] = part[j];
+                    for (int b = 0; b < blocks; b++) {
+                        const VEC mine = VLOAD(0, of_own + b * LANES);
+                        UNROLL for (int j = 0; j < COLUMNS; j++)
+                        {
+                            part[j] = fma(mine * weighted[b * TILES * COLUMNS + e + j],
+                                          VLOAD(0, of_other + b * LANES + e + j), part[j]);
+                        }
+                    }
+                    UNROLL for (int j = 0; j < COLUMNS; j++)
+                    {
+                        row[t * TILES * COLUMNS + e + j] = part[j];
+                    }
                 }
             }
         }
-        for (int i = 0; i < TERMS * COLUMNS; i++) {
+        for (int i = 0; i < TERMS * TILES * COLUMNS; i++) {
             add_exactly(&sums[i], &lost[i], row[i]);
         }
     }
-    for (int j = 0; j < count; j++) {
+    for (int e = 0; e < s.window; e++) {
         for (int t = 0; t < TERMS; t++) {
-            sides[((size_t)v * s.window + e + j) * TERMS + t] = sum_lanes(sums[t * COLUMNS + j]);
+            sides[((size_t)v * s.window + e) * TERMS + t] =
+                sum_lanes(sums[t * TILES * COLUMNS + e]);
         }
     }
 }

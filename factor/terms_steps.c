@@ -49,7 +49,7 @@ static int run(struct terms *m, enum terms_kernel name, const void *const *value
     }
     if (status == CL_SUCCESS) {
         status = clEnqueueNDRangeKernel(opencl->queue, m->kernels[name], dimensions, NULL, items,
-                                        dimensions > 1 ? one : NULL, 0, NULL, NULL);
+                                        name != TERMS_EXTRAPOLATE ? one : NULL, 0, NULL, NULL);
     }
     return opencl_check(opencl, status, "cannot run a step of the terms", error);
 }
@@ -225,8 +225,7 @@ static int find_sides(struct terms *m, int channel, cl_mem own, cl_mem other, cl
     const size_t sizes[] = {sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem),
                             sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem),
                             sizeof(cl_mem), sizeof top,     sizeof *s};
-    int status = run(m, TERMS_SIDES, sides, sizes, 9, (window + TERMS_COLUMNS - 1) / TERMS_COLUMNS,
-                     rows, 0, error);
+    int status = run(m, TERMS_SIDES, sides, sizes, 9, rows, 0, 0, error);
     if (status == NACRE_OK) {
         status = read_floats(m, m->equations.sides, window * window * terms, m->right, error);
     }
