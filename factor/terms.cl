@@ -25,6 +25,9 @@
 #ifndef CHUNK
 #define CHUNK 8 /* columns of the window at a time */
 #endif
+#ifndef SIDE
+#define SIDE 4 /* columns whose residuals are found together */
+#endif
 #ifndef DOWN
 #define DOWN 3 /* rows and columns of the window of a work-item of correlate */
 #endif
@@ -115,7 +118,7 @@ INLINE VEC find_some(struct held *h, global const stored *responses, global cons
 {
     global const float *g = kernels + (v * s.window + e) * TERMS;
     global const float *there = other + e - s.window / 2;
-    VEC model[2] = {0, 0}, total = 0;
+    VEC model[SIDE] = {0}, total = 0;
     UNROLL for (int t = 0; t < TERMS; t++)
     {
         UNROLL for (int i = 0; i < many; i++)
@@ -144,11 +147,11 @@ INLINE VEC find_residuals(struct held *h, global const stored *responses, global
 {
     VEC total = 0;
     int j = 0;
-    for (; j + 1 < count; j += 2) {
+    for (; j + SIDE <= count; j += SIDE) {
         total += find_some(h, responses, mask, kernels, scales, other, far, v, first + j, j, block,
-                           2, s);
+                           SIDE, s);
     }
-    if (j < count) {
+    for (; j < count; j++) {
         total += find_some(h, responses, mask, kernels, scales, other, far, v, first + j, j, block,
                            1, s);
     }

@@ -17,7 +17,7 @@
 #define BOTH_WAYS 2.0F
 
 /* Normal matrices of entries far from the centre are summed again in every so many steps. */
-enum { EXACT_STEPS = 6, DISTANT_EVERY = 6 };
+enum { EXACT_STEPS = 6, DISTANT_EVERY = 12 };
 
 /* As DISTANT in terms.cl. */
 enum { STEP = 1, STEP_EXACT = 3 };
