@@ -50,6 +50,12 @@
 #define TILES   ((WINDOW + COLUMNS - 1) / COLUMNS)
 #define STRETCH 8 /* blocks that sides takes at a time */
 #define VSTORE  JOIN(vstore, LANES)
+#ifdef __clang__
+typedef VEC loose __attribute__((aligned(4)));
+#define LOOSE(from) (*(global const loose *)(from)) /* one load where VLOAD may take several */
+#else
+#define LOOSE(from) VLOAD(0, from)
+#endif
 #define PADDED  ((TERMS + 1) / 2 * 2) /* terms are taken in twos */
 #define NEAR    3                     /* entries so near the centre are in A afresh each time */
 #define DISTANT 2                     /* of `step`: and all others too */
@@ -96,7 +102,7 @@ INLINE void reach(int block, int *first, int *end, const struct sizes s)
 INLINE VEC weight_of(global const ushort *mask, global const float *scales, VEC near,
                      global const float *far, int v, int e, int block, const struct sizes s)
 {
-    VEC weight = scales[v * s.window + e] * (near + VLOAD(0, far + e - s.window / 2));
+    VEC weight = scales[v * s.window + e] * (near + LOOSE(far + e - s.window / 2));
     if (MASKED) {
         weight = select((VEC)(0), weight, load_mask(mask, s.window, block, e, 0));
     }
@@ -116,17 +122,23 @@ INLINE VEC find_some(struct held *h, global const stored *responses, global cons
                      global const float *other, global const float *far, int v, int e, int j,
                      int block, const int many, const struct sizes s)
 {
-    global const float *g = kernels + (v * s.window + e) * TERMS;
-    global const float *there = other + e - s.window / 2;
-    VEC model[SIDE] = {0}, total = 0;
+    global const float *g = kernels + (size_t)(v * s.window + e) * TERMS;
+    global const float *there = other + (e - s.window / 2);
+    private VEC *to = h->shaped + (size_t)j * PADDED;
+    VEC model[SIDE], total = 0;
+    UNROLL for (int i = 0; i < many; i++)
+    {
+        model[i] = 0;
+    }
     UNROLL for (int t = 0; t < TERMS; t++)
     {
         UNROLL for (int i = 0; i < many; i++)
         {
-            VEC shaped = g[i * TERMS + t] * VLOAD(0, there + i + t * s.stride);
-            h->shaped[(j + i) * PADDED + t] = shaped;
+            VEC shaped = g[i * TERMS + t] * LOOSE(there + i);
+            to[i * PADDED + t] = shaped;
             model[i] = fma(h->own[t], shaped, model[i]);
         }
+        there += s.stride;
     }
     UNROLL for (int i = 0; i < many; i++)
     {
@@ -170,10 +182,10 @@ INLINE void add_gradient(struct held *h, int count)
         }
         for (int j = 0; j < count; j++) {
             const VEC residual = h->residual[j];
+            private const VEC *shaped = h->shaped + (size_t)j * PADDED;
             UNROLL for (int i = 0; i < GROUP; i++)
             {
-                sums[i] =
-                    fma(residual, h->shaped[j * PADDED + min(first + i, PADDED - 1)], sums[i]);
+                sums[i] = fma(residual, shaped[min(first + i, PADDED - 1)], sums[i]);
             }
         }
         UNROLL for (int i = 0; i < GROUP; i++)
@@ -204,11 +216,11 @@ INLINE void add_rows(global VEC *curvature, const struct held *h, int count, int
             right[i] = at[i * PADDED + 1];
         }
         for (int j = 0; j < count; j++) {
-            const VEC p = h->shaped[j * PADDED + s], q = h->shaped[j * PADDED + s + 1];
+            private const VEC *shaped = h->shaped + (size_t)j * PADDED + s, *w = weighted + (size_t)j * 4;
             UNROLL for (int i = 0; i < many; i++)
             {
-                left[i] = fma(weighted[j * 4 + i], p, left[i]);
-                right[i] = fma(weighted[j * 4 + i], q, right[i]);
+                left[i] = fma(w[i], shaped[0], left[i]);
+                right[i] = fma(w[i], shaped[1], right[i]);
             }
         }
         UNROLL for (int i = 0; i < many; i++)
