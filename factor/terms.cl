@@ -124,7 +124,8 @@ INLINE VEC find_some(struct held *h, global const stored *responses, global cons
 {
     global const float *g = kernels + (size_t)(v * s.window + e) * TERMS;
     global const float *there = other + (e - s.window / 2);
-    private VEC *to = h->shaped + (size_t)j * PADDED;
+  private
+    VEC *to = h->shaped + (size_t)j * PADDED;
     VEC model[SIDE], total = 0;
     UNROLL for (int i = 0; i < many; i++)
     {
@@ -182,7 +183,8 @@ INLINE void add_gradient(struct held *h, int count)
         }
         for (int j = 0; j < count; j++) {
             const VEC residual = h->residual[j];
-            private const VEC *shaped = h->shaped + (size_t)j * PADDED;
+          private
+            const VEC *shaped = h->shaped + (size_t)j * PADDED;
             UNROLL for (int i = 0; i < GROUP; i++)
             {
                 sums[i] = fma(residual, shaped[min(first + i, PADDED - 1)], sums[i]);
@@ -216,7 +218,8 @@ INLINE void add_rows(global VEC *curvature, const struct held *h, int count, int
             right[i] = at[i * PADDED + 1];
         }
         for (int j = 0; j < count; j++) {
-            private const VEC *shaped = h->shaped + (size_t)j * PADDED + s, *w = weighted + (size_t)j * 4;
+          private
+            const VEC *shaped = h->shaped + (size_t)j * PADDED + s, *w = weighted + (size_t)j * 4;
             UNROLL for (int i = 0; i < many; i++)
             {
                 left[i] = fma(w[i], shaped[0], left[i]);
@@ -391,8 +394,8 @@ kernel void multiply(global const float *own, global const float *other, global 
     const size_t here = (size_t)y * s.planes * s.stride + x;
     int t, u;
     terms_of(first + item, &t, &u);
-    VEC p = VLOAD(0, own + here + (size_t)t * s.stride) *
-            VLOAD(0, own + here + (size_t)u * s.stride);
+    VEC p =
+        VLOAD(0, own + here + (size_t)t * s.stride) * VLOAD(0, own + here + (size_t)u * s.stride);
     VEC q = VLOAD(0, other + here + (size_t)t * s.stride) *
             VLOAD(0, other + here + (size_t)u * s.stride);
     VSTORE(p * VLOAD(0, near + (size_t)y * s.stride + x), 0,
