@@ -234,15 +234,20 @@ static bool chose(const struct factor_summary *s)
            (s->search.count == 1 && s->search.terms * s->search.clusters == 0);
 }
 
-static void print_tries(const struct factor_summary *s)
+/* A kernel per term has no clusters. */
+static void print_tries(const struct factor_summary *s, bool clustered)
 {
-    printf("%-26s %5s %8s %10s %8s %9s %8s  %s\n", "tried", "terms", "clusters", "iterations",
-           "error", "MiB", "seconds", "ended by");
+    const char *head = clustered ? " clusters" : "";
+    printf("%-26s %5s%s %10s %8s %9s %8s  %s\n", "tried", "terms", head, "iterations", "error",
+           "MiB", "seconds", "ended by");
     for (int i = 0; i < s->search.count; i++) {
         const struct search_try *t = &s->search.tries[i];
-        printf("%-26s %5d %8d %10d %7.3f%s %9.4g %8.2f  %s\n", "", t->terms, t->clusters,
-               t->iterations, 100 * t->error, t->verified ? "%" : "*", t->bytes * 0x1p-20,
-               t->seconds, t->ended);
+        char clusters[16] = "";
+        if (clustered) {
+            (void)snprintf(clusters, sizeof clusters, " %8d", t->clusters);
+        }
+        printf("%-26s %5d%s %10d %7.3f%s %9.4g %8.2f  %s\n", "", t->terms, clusters, t->iterations,
+               100 * t->error, t->verified ? "%" : "*", t->bytes * 0x1p-20, t->seconds, t->ended);
     }
     printf("%-26s %% of all points, as stored; * of a few points, while iterating\n", "");
 }
@@ -250,11 +255,16 @@ static void print_tries(const struct factor_summary *s)
 static void print_text(const struct nacre_material *m, const struct factor_summary *s,
                        const struct opencl *opencl, const char *path)
 {
-    if (chose(s)) {
-        print_tries(s);
+    bool clustered = m->layout != NACRE_KERNEL_PER_TERM;
+    char clusters[32] = "";
+    if (clustered) {
+        (void)snprintf(clusters, sizeof clusters, ", %d clusters", m->clusters);
     }
-    printf("%-26s %s on %s: %d terms, %d clusters, %d iterations\n", "method", m->method,
-           opencl->name, m->terms, m->clusters, m->iterations);
+    if (chose(s)) {
+        print_tries(s, clustered);
+    }
+    printf("%-26s %s on %s: %d terms%s, %d iterations\n", "method", m->method, opencl->name,
+           m->terms, clusters, m->iterations);
     printf("%-26s %s\n", "stopped by", s->stopped_by);
     printf("%-26s %.2f s (reading %.2f s, clustering %.2f s, iterating %.2f s, measuring %.2f s)\n",
            "time",

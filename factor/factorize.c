@@ -167,8 +167,11 @@ static void explain_stops(const struct conductor *c)
         tell(to, "stops", "so that all is written %.4g s after the command began", o->seconds);
     }
     if (o->tolerance > 0) {
-        tell(to, "stops", "when five iterations lower the objective by less than %.3g %%",
-             500 * o->tolerance);
+        tell(to, "stops", "when five iterations lower the objective by less than %.3g %%%s",
+             500 * o->tolerance,
+             o->model == FACTOR_MODEL_TERMS && !conductor_wants_error(c)
+                 ? ", and the later half of all by less than three times that"
+                 : "");
     }
     if (o->iterations > 0) {
         tell(to, "stops", "after %d iterations", o->iterations);

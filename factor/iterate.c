@@ -4,6 +4,7 @@
 #include <limits.h>
 #include <math.h>
 #include <stdio.h>
+#include <string.h>
 
 enum {
     PATIENCE = 5, /* iterations that are looked at together */
@@ -14,6 +15,10 @@ enum {
     ERROR_LIMIT = 1000, /* iterations where an error is to be held */
     VERIFICATIONS = 5,
 };
+
+/* With a kernel per term what is left falls as 1 / iterations at worst: then as many again would bring no more than the
+ * later half did, in which the objective must have fallen by less than so many times the tolerance. */
+#define VALLEY 15
 
 /* Growing pays when an iteration lowers the objective by less than this share. */
 #define SLOW 0.03
@@ -49,6 +54,13 @@ static bool has_settled(const struct attempt *a, double share)
     return first >= a->inherited &&
            (double)a->history.objective[last] >=
                (1 - PATIENCE * share) * (double)a->history.objective[first];
+}
+
+/* Whether the later half of the iterations lowered the objective by no more than `share`. */
+static bool is_out_of_valleys(const struct attempt *a, double share)
+{
+    int last = a->known - 1, middle = a->inherited + (last - a->inherited) / 2;
+    return (double)a->history.objective[last] >= (1 - share) * (double)a->history.objective[middle];
 }
 
 static bool has_next(const struct conductor *c, enum ending ending, int *terms, int *clusters)
@@ -109,7 +121,8 @@ static enum ending find_ending(const struct conductor *c)
     if (time_is_up(c)) {
         return ENDING_TIME;
     }
-    if (has_settled(a, tolerance)) {
+    bool patient = c->options->model == FACTOR_MODEL_TERMS && !conductor_wants_error(c);
+    if (has_settled(a, tolerance) && (!patient || is_out_of_valleys(a, VALLEY * tolerance))) {
         return ENDING_TOLERANCE;
     }
     if (conductor_wants_error(c)) {
@@ -156,8 +169,11 @@ static int show(struct conductor *c, struct nacre_error *error)
     if (a->known > a->inherited) {
         (void)snprintf(objective, sizeof objective, "objective %.4g, ", a->objective);
     }
-    (void)snprintf(detail, sizeof detail, "%s%s%d terms, %d clusters", mean, objective,
-                   a->problem.terms, a->problem.clusters);
+    (void)snprintf(detail, sizeof detail, "%s%s%d terms", mean, objective, a->problem.terms);
+    if (c->options->model == FACTOR_MODEL_CLUSTERS) {
+        size_t used = strlen(detail);
+        (void)snprintf(detail + used, sizeof detail - used, ", %d clusters", a->problem.clusters);
+    }
     return progress_step(c->progress, elapsed, elapsed + seconds_left(c), detail, error);
 }
 
