@@ -29,10 +29,17 @@ struct equations {
     size_t pairs;
 };
 
-static double cosine_at(const struct responses *r, int k, int x, int y)
+/* All cosines at a point. */
+static void cosines_at(const struct responses *r, int x, int y, double *values)
 {
-    int column = (k + 1) % WAVES, row = (k + 1) / WAVES;
-    return cos(M_PI * column * (x + 0.5) / r->width) * cos(M_PI * row * (y + 0.5) / r->height);
+    double across[WAVES], down[WAVES];
+    for (int k = 0; k < WAVES; k++) {
+        across[k] = cos(M_PI * k * (x + 0.5) / r->width);
+        down[k] = cos(M_PI * k * (y + 0.5) / r->height);
+    }
+    for (int k = 0; k < COSINES; k++) {
+        values[k] = across[(k + 1) % WAVES] * down[(k + 1) / WAVES];
+    }
 }
 
 static bool read_pair(const struct terms_data *d, int channel, int x, int y, int dx, int dy,
@@ -56,7 +63,8 @@ static void add_pair(const struct terms_data *d, int channel, int x, int y, int 
                      struct equations *q)
 {
     const struct responses *r = d->responses;
-    double difference = 0, sum = 0, next = 0, unused = 0, slope[COSINES];
+    double difference = 0, sum = 0, next = 0, unused = 0;
+    double slope[COSINES], here_values[COSINES], there_values[COSINES];
     if (!read_pair(d, channel, x, y, dx, dy, &difference, &sum)) {
         return;
     }
@@ -64,8 +72,10 @@ static void add_pair(const struct terms_data *d, int channel, int x, int y, int 
     double weight = ((double)d->weights[here] + (double)d->weights[there]) *
                     (double)d->scales[channel][(size_t)(r->window / 2 + dy) * (size_t)r->window +
                                                (size_t)(r->window / 2 + dx)];
+    cosines_at(r, x, y, here_values);
+    cosines_at(r, x + dx, y + dy, there_values);
     for (int k = 0; k < COSINES; k++) {
-        slope[k] = sum * (cosine_at(r, k, x, y) - cosine_at(r, k, x + dx, y + dy));
+        slope[k] = sum * (here_values[k] - there_values[k]);
     }
     for (int k = 0; k < COSINES; k++) {
         q->side[k] += weight * slope[k] * difference;
@@ -137,9 +147,10 @@ static void apply(struct terms_data *d, const double *l)
 {
     const struct responses *r = d->responses;
     for (int i = 0; i < r->width * r->height; i++) {
-        double sum = 0;
+        double sum = 0, values[COSINES];
+        cosines_at(r, i % r->width, i / r->width, values);
         for (int k = 0; k < COSINES; k++) {
-            sum += l[k] * cosine_at(r, k, i % r->width, i / r->width);
+            sum += l[k] * values[k];
         }
         d->gain[i] *= (float)exp(sum);
     }
