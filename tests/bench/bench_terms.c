@@ -60,7 +60,8 @@ static void make(const struct sample *s, const struct opencl *opencl, struct mad
         features_new(&made->responses, &features, &error) != NACRE_OK ||
         attempt_begin(&made->attempt, &made->responses, &features, &made->data, &options, s->terms,
                       1, &error) != NACRE_OK ||
-        terms_new(opencl, &made->attempt.problem, &made->method, &error) != NACRE_OK) {
+        terms_new(opencl, &made->attempt.problem, &made->method, &error) != NACRE_OK ||
+        !made->method) {
         fail(error.text);
     }
     features_finish(&features);
