@@ -459,7 +459,7 @@ static int prepare(struct terms *m, struct nacre_error *error)
     size_t items = (size_t)l->sizes.blocks * (size_t)l->sizes.height;
     size_t lanes = (size_t)m->data->copies[0].lanes;
     size_t area = (size_t)m->data->grid.window * (size_t)m->data->grid.window;
-    m->partials = malloc(2 * items * sizeof *m->partials);
+    m->partials = malloc((2 * items + 1) * sizeof *m->partials);
     m->staged = malloc((area * terms + 1) * sizeof *m->staged); /* never of nothing */
     m->window = malloc(area * sizeof *m->window);
     if (!m->partials || !m->staged || !m->window) {
