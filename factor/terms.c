@@ -31,7 +31,7 @@ static int build(struct terms *m, struct nacre_error *error)
     static const char *const names[TERMS_KERNEL_COUNT] = {
         "visit", "descend", "extrapolate", "multiply", "correlate", "sides", "lack"};
     const struct layout *l = &m->layouts[0];
-    const struct responses *r = l->problem->responses;
+    const struct responses *r = m->problems[0].responses;
     char options[192];
     (void)snprintf(options, sizeof options,
                    "-DLANES=%d -DTERMS=%d -DMASKED=%d -DHALF=%d -DDOWN=%d -DACROSS=%d -DCOLUMNS=%d "
@@ -441,7 +441,7 @@ static int prepare_equations(struct terms *m, struct nacre_error *error)
     m->right = malloc(terms * area * sizeof *m->right);
     m->lacks = masked ? malloc(pairs * area * sizeof *m->lacks) : NULL;
     m->measured = masked ? malloc(area * sizeof *m->measured) : NULL;
-    m->sums = malloc(area * m->equation_size * sizeof *m->sums);
+    m->sums = malloc((area * m->equation_size + 1) * sizeof *m->sums);
     if (!m->correlations || !m->right || !m->sums || (masked && (!m->lacks || !m->measured))) {
         return nacre_fail_memory(error, "the method");
     }
