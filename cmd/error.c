@@ -96,8 +96,8 @@ static int cross(const struct nacre_scan *scan, const struct nacre_material *mat
         status = opencl_open(device, &opencl, error);
     }
     if (status == NACRE_OK) {
-        status = responses_load(&responses, scan, layout_lanes(&opencl), RESPONSES_FLOAT, progress,
-                                error);
+        status = responses_load(&responses, scan, material->window, layout_lanes(&opencl),
+                                RESPONSES_FLOAT, progress, error);
     }
     if (status == NACRE_OK) {
         status = cross_measure(&responses, nacre_scan_info(scan)->pitch_mm, &options, &opencl,

@@ -16,7 +16,7 @@
 struct factor_settings {
     const char *output, *checkpoint, *from;
     int model, reciprocal, kernels, planes, bits;
-    int method, weight, terms, clusters, iterations, kernel, store, responses, seed;
+    int window, method, weight, terms, clusters, iterations, kernel, store, responses, seed;
     double tolerance, error, within, epsilon, regularise, checkpoint_every;
     bool explain;
 };
@@ -137,6 +137,16 @@ static const struct option_spec factor_options[] = {
      .offset = offsetof(struct factor_settings, from),
      .sentence = "start from a factorization of T terms and K clusters after N iterations, itself "
                  "started from the one named before it, and so on"},
+    {.name = "window",
+     .letter = 'w',
+     .kind = OPTION_INT,
+     .argument = "K",
+     .minimum = 1,
+     .maximum = 1023,
+     .offset = offsetof(struct factor_settings, window),
+     .sentence =
+         "factor the middle K x K entries of each response, odd, and count the rest as error; "
+         "default: all"},
     {.name = "tolerance",
      .kind = OPTION_REAL,
      .argument = "E",
@@ -382,6 +392,7 @@ static struct factor_options to_options(const struct factor_settings *s)
                                    .seconds = s->within,
                                    .checkpoint = s->checkpoint,
                                    .checkpoint_seconds = s->checkpoint_every,
+                                   .window = s->window,
                                    .epsilon = s->epsilon,
                                    .store = (enum factor_store)s->store,
                                    .responses = (enum responses_store)s->responses,

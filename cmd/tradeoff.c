@@ -106,8 +106,8 @@ static int tradeoff_verb(const void *settings, const struct invocation *invocati
         status = opencl_open(invocation->device, &opencl, error);
     }
     if (status == NACRE_OK) {
-        status = responses_load(&responses, scan, layout_lanes(&opencl), RESPONSES_AUTO, &progress,
-                                error);
+        status = responses_load(&responses, scan, 0, layout_lanes(&opencl), RESPONSES_AUTO,
+                                &progress, error);
     }
     if (status == NACRE_OK) {
         request.seconds_reading = (double)(clock_now_ns(&clock) - begun_ns) * 1e-9;

@@ -12,24 +12,56 @@
 /* Streams of random numbers drawn from one seed. */
 enum { STREAM_CLUSTERS = 1, STREAM_FACTORS = 2 };
 
-static int find_clusters(struct attempt *a, const struct features *features, int clusters, int seed,
-                         uint32_t *ids, struct nacre_error *error)
+/* The labels of a number of clusters, found now or in another run. */
+static int find_labels(struct attempt *a, struct factor_prepared *prepared, int clusters,
+                       const struct factor_options *o, const uint32_t **labels,
+                       struct nacre_error *error)
 {
-    const struct responses *r = a->problem.responses;
-    uint32_t *labels = malloc(features->count * sizeof *labels);
-    if (!labels) {
+    const struct features *features = &prepared->features;
+    for (int i = 0; i < PREPARED_LABELS; i++) {
+        const struct prepared_labels *known = &prepared->labels[i];
+        if (known->labels && known->clusters == clusters && known->seed == o->seed) {
+            a->shared_seconds += known->seconds;
+            *labels = known->labels;
+            return NACRE_OK;
+        }
+    }
+    struct clock system = clock_monotonic(), *clock = o->clock ? o->clock : &system;
+    int64_t begun_ns = clock_now_ns(clock);
+    uint32_t *found = malloc(features->count * sizeof *found);
+    if (!found) {
         return nacre_fail_memory(error, "the clusters");
     }
     int status = kmeans(features->values, features->count, features->length, clusters,
-                        random_bits((uint64_t)seed, STREAM_CLUSTERS), labels, error);
+                        random_bits((uint64_t)o->seed, STREAM_CLUSTERS), found, error);
+    if (status != NACRE_OK) {
+        free(found);
+        return status;
+    }
+    struct prepared_labels *place = &prepared->labels[prepared->labels_next++ % PREPARED_LABELS];
+    free(place->labels);
+    *place = (struct prepared_labels){.clusters = clusters,
+                                      .seed = o->seed,
+                                      .labels = found,
+                                      .seconds = (double)(clock_now_ns(clock) - begun_ns) * 1e-9};
+    *labels = found;
+    return NACRE_OK;
+}
+
+static int find_clusters(struct attempt *a, struct factor_prepared *prepared, int clusters,
+                         const struct factor_options *o, uint32_t *ids, struct nacre_error *error)
+{
+    const struct responses *r = a->problem.responses;
+    const struct features *features = &prepared->features;
+    const uint32_t *labels = NULL;
+    int status = find_labels(a, prepared, clusters, o, &labels, error);
     for (size_t i = 0; i < features->count && status == NACRE_OK; i++) {
         ids[features->points[i]] = labels[i];
     }
-    free(labels);
     return status == NACRE_OK ? fill_labels(r->width, r->height, r->measured, ids, error) : status;
 }
 
-int attempt_begin(struct attempt *a, const struct responses *r, const struct features *features,
+int attempt_begin(struct attempt *a, const struct responses *r, struct factor_prepared *prepared,
                   const struct terms_data *data, const struct factor_options *o, int terms,
                   int clusters, struct nacre_error *error)
 {
@@ -53,14 +85,15 @@ int attempt_begin(struct attempt *a, const struct responses *r, const struct fea
                                   .regularise = o->regularise};
     memset(a->ids, 0xff, points * sizeof *a->ids);
     int status = factors_allocate(&a->factors, &a->problem, error);
-    if (status == NACRE_OK && features) {
-        status = find_clusters(a, features, clusters, o->seed, a->ids, error);
+    if (status == NACRE_OK && prepared) {
+        status = find_clusters(a, prepared, clusters, o, a->ids, error);
     }
-    if (status == NACRE_OK && features && data) {
-        int kinds = (size_t)terms < features->count ? terms : (int)features->count;
-        status = find_clusters(a, features, kinds, o->seed, a->kinds, error);
+    if (status == NACRE_OK && prepared && data) {
+        size_t count = prepared->features.count;
+        int kinds = (size_t)terms < count ? terms : (int)count;
+        status = find_clusters(a, prepared, kinds, o, a->kinds, error);
     }
-    if (status == NACRE_OK && features) {
+    if (status == NACRE_OK && prepared) {
         status = kernels_compute(r, a->ids, clusters, o->kernel, o->epsilon, a->kernels, error);
     }
     return status;

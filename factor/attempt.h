@@ -5,6 +5,7 @@
 #include "factor/factorize.h"
 #include "factor/factors.h"
 #include "factor/falloff.h"
+#include "factor/prepared.h"
 
 /* After each iteration; an entry is NaN until its value is known. */
 struct history {
@@ -30,14 +31,15 @@ struct attempt {
     bool held;              /* the error that was asked for */
     double seconds;         /* all of it; while it is open, to be added to the clock's */
     double opening_seconds; /* clusters, kernels and method */
+    double shared_seconds;  /* that clusters took in another run */
     double first_seconds, step_seconds; /* the first iteration, which may compile; the last */
     double closing_seconds;             /* predicted, writing included; 0: not asked for */
 };
 
-/* The clusters of the measured points, spread to the others, and their kernels; without `features` there is only room
- * for them. With `data` the model is that of a kernel per term. attempt_finish it, also after a failure. */
+/* The clusters of the measured points, spread to the others, and their kernels; without `prepared` there is only room
+ * for them. Clusters that are found are kept there. With `data` the model is that of a kernel per term. attempt_finish it, also after a failure. */
 int attempt_begin(struct attempt *attempt, const struct responses *responses,
-                  const struct features *features, const struct terms_data *data,
+                  struct factor_prepared *prepared, const struct terms_data *data,
                   const struct factor_options *options, int terms, int clusters,
                   struct nacre_error *error);
 

@@ -44,7 +44,7 @@ static int read_responses(const void *data, int x, int y, float *response,
 static int measure(const struct responses *r, struct nacre_material *m, struct error_report *report,
                    struct nacre_error *error)
 {
-    const struct error_source from = {r, read_responses};
+    const struct error_source from = {.data = r, .read = read_responses, .beyond = r->beyond};
     int status = error_measure(&from, m, NULL, report, error);
     if (status == NACRE_OK) {
         m->error_min = report->whole.minimum;
@@ -60,7 +60,7 @@ static int round_and_measure(const struct responses *r, enum factor_store store,
                              struct nacre_material *m, struct error_report *report,
                              struct nacre_error *error)
 {
-    const struct error_source from = {r, read_responses};
+    const struct error_source from = {.data = r, .read = read_responses, .beyond = r->beyond};
     size_t count =
         (size_t)m->terms * (size_t)m->factor_channels * (size_t)m->width * (size_t)m->height;
     float *exact = NULL;
@@ -120,7 +120,9 @@ int closing_make(const struct factor_options *o, double pitch_mm, const struct a
 int closing_rehearse(const struct factor_options *o, const struct attempt *attempt, double *share,
                      struct nacre_error *error)
 {
-    const struct error_source from = {attempt->problem.responses, read_responses};
+    const struct error_source from = {.data = attempt->problem.responses,
+                                      .read = read_responses,
+                                      .beyond = attempt->problem.responses->beyond};
     struct nacre_material m;
     int rows = 0;
     int status = allocate(o, 1, &attempt->problem, &m, error);

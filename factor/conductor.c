@@ -135,8 +135,8 @@ static int open_attempt(struct conductor *c, int terms, int clusters, struct nac
     struct attempt *a = &c->now;
     double begun = conductor_seconds(c);
     bool first = c->search.count == 0;
-    int status = attempt_begin(a, c->responses, &c->prepared->features, conductor_data(c),
-                               c->options, terms, clusters, error);
+    int status = attempt_begin(a, c->responses, c->prepared, conductor_data(c), c->options, terms,
+                               clusters, error);
     c->now_is_open = true;
     if (status == NACRE_OK) {
         status = conductor_make_method(c, error);
@@ -145,6 +145,7 @@ static int open_attempt(struct conductor *c, int terms, int clusters, struct nac
         a->goal = c->options->error;
         status = warm_up(c, error);
     }
+    c->shared_seconds += a->shared_seconds;
     a->opening_seconds = conductor_seconds(c) - begun;
     c->seconds_clustering += a->opening_seconds;
     if (status == NACRE_OK) {

@@ -1,6 +1,8 @@
 /* Measuring how far a material is from the responses it was made of. */
 #include "factor/error.h"
 
+#include "factor/window.h"
+
 #include "nacre/evaluate.h"
 #include "nacre/exr_file.h"
 
@@ -57,6 +59,13 @@ static void compare(const struct nacre_material *m, int x, int y, const float *m
     whole->measured += without_centre->measured;
 }
 
+/* What the model has nothing for. */
+static void miss_beyond(struct sums *sums, double beyond)
+{
+    sums->difference += beyond;
+    sums->norm += beyond;
+}
+
 static float relative(struct sums sums)
 {
     return sums.measured && sums.norm > 0 ? (float)sqrt(sums.difference / sums.norm) : NAN;
@@ -66,7 +75,13 @@ static int measure_row(const struct error_source *source, const struct nacre_mat
                        struct error_report *report, size_t *not_measured, struct nacre_error *error)
 {
     size_t size = (size_t)m->channels * (size_t)m->window * (size_t)m->window;
-    float *measured = malloc(size * sizeof *measured), *factored = malloc(size * sizeof *factored);
+    const struct window_cut cut = {.width = m->width,
+                                   .height = m->height,
+                                   .channels = m->channels,
+                                   .from = source->window ? source->window : m->window,
+                                   .to = m->window};
+    size_t read = (size_t)m->channels * (size_t)cut.from * (size_t)cut.from;
+    float *measured = malloc(read * sizeof *measured), *factored = malloc(size * sizeof *factored);
     int status = NACRE_OK;
     if (!measured || !factored) {
         status = nacre_fail_memory(error, "a response");
@@ -76,9 +91,13 @@ static int measure_row(const struct error_source *source, const struct nacre_mat
         size_t point = (size_t)y * (size_t)m->width + (size_t)x;
         status = source->read(source->data, x, y, measured, error);
         if (status == NACRE_OK) {
+            double beyond = window_cut(&cut, x, y, measured, measured);
+            beyond += source->beyond ? source->beyond[point] : 0;
             nacre_material_response(m, x, y, factored);
             struct sums whole, without_centre;
             compare(m, x, y, measured, factored, &whole, &without_centre);
+            miss_beyond(&whole, beyond);
+            miss_beyond(&without_centre, beyond);
             report->map[point] = relative(whole);
             report->map_without_centre[point] = relative(without_centre);
             *not_measured += whole.measured == 0;
@@ -184,7 +203,8 @@ static int read_scan(const void *data, int x, int y, float *response, struct nac
 
 struct error_source error_source_scan(const struct nacre_scan *scan)
 {
-    return (struct error_source){scan, read_scan};
+    return (struct error_source){
+        .data = scan, .read = read_scan, .window = nacre_scan_info(scan)->window};
 }
 
 int error_check_sizes(const struct nacre_scan *scan, const struct nacre_material *m,
@@ -197,7 +217,7 @@ int error_check_sizes(const struct nacre_scan *scan, const struct nacre_material
                           "material with the scan it was made of",
                           nacre_scan_path(scan), info->width, info->height, m->width, m->height);
     }
-    if (info->window != m->window || info->channels != m->channels) {
+    if (info->window < m->window || info->channels != m->channels) {
         return nacre_fail(error,
                           "%s has a window of %d and %d channels, the material %d and %d; compare "
                           "a material with the scan it was made of",

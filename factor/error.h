@@ -23,10 +23,14 @@ struct error_report {
     float *map_without_centre; /* the same without the entries x_o = x_i */
 };
 
-/* Where measured responses come from: response[channels][K][K], NaN where not measured. Called by several threads. */
+/* Where measured responses come from: response[channels][K][K], NaN where not measured. Called by several threads. Where
+ * the material's window is smaller, it has nothing beyond it, and its error counts what was measured there. */
 struct error_source {
     const void *data;
     int (*read)(const void *data, int x, int y, float *response, struct nacre_error *error);
+    int window; /* K of what is read; 0: as the material's */
+    const double
+        *beyond; /* [height][width]: squares of what was measured beyond that; NULL: nothing */
 };
 
 struct error_source error_source_scan(const struct nacre_scan *scan);
@@ -42,7 +46,7 @@ int error_measure(const struct error_source *source, const struct nacre_material
 int error_rehearse(const struct error_source *source, const struct nacre_material *material,
                    int rows, struct nacre_error *error);
 
-/* Whether a material and a scan are of the same size; the text names what differs. */
+/* Whether a material and a scan are of the same size, but for a smaller window; the text names what differs. */
 int error_check_sizes(const struct nacre_scan *scan, const struct nacre_material *material,
                       struct nacre_error *error);
 

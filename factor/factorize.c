@@ -47,6 +47,11 @@ void factor_summary_finish(struct factor_summary *summary)
 static int check_stages(const struct responses *r, const struct factor_options *o,
                         struct nacre_error *error)
 {
+    if (o->checkpoint) {
+        return nacre_fail(error,
+                          "--checkpoint cannot tell where a run --from fewer terms is; leave out "
+                          "one of them");
+    }
     if (o->error < 1 || o->seconds > 0 || o->checkpoint || o->terms == 0 ||
         (o->model == FACTOR_MODEL_CLUSTERS && o->clusters == 0)) {
         return nacre_fail(error,
@@ -446,8 +451,8 @@ int factorize(const struct nacre_scan *scan, const struct factor_options *option
     timed.begun_ns = options->begun_ns ? options->begun_ns : begun_ns;
     *material = (struct nacre_material){0};
     *summary = (struct factor_summary){0};
-    int status =
-        responses_load(&responses, scan, layout_lanes(opencl), options->responses, progress, error);
+    int status = responses_load(&responses, scan, options->window, layout_lanes(opencl),
+                                options->responses, progress, error);
     if (status != NACRE_OK) {
         return status;
     }

@@ -70,6 +70,7 @@ struct factor_options {
     double error;  /* mean relative error to be held by the material as stored; 1: any */
     double seconds; /* that all may take from begun_ns on, writing the material included; 0: any */
     double epsilon; /* relative to each kernel's maximum */
+    int window;     /* K, at most the scan's; 0: the scan's */
     enum factor_store store;
     enum responses_store responses;
     int seed;

@@ -6,8 +6,10 @@
 #include "factor/quality.h"
 #include "factor/terms_data.h"
 
-/* One for each weight. */
-enum { PREPARED_DATA = 2 };
+#include <stdlib.h>
+
+/* One for each weight; numbers of clusters that labels are kept of, a later one in place of the first. */
+enum { PREPARED_DATA = 2, PREPARED_LABELS = 12 };
 
 struct factor_prepared {
     bool ready; /* the next three */
@@ -20,6 +22,12 @@ struct factor_prepared {
         double epsilon, seconds;
         struct terms_data data;
     } data[PREPARED_DATA];
+    struct prepared_labels {
+        int clusters, seed;
+        uint32_t *labels; /* [features.count], or NULL */
+        double seconds;   /* that it took */
+    } labels[PREPARED_LABELS];
+    int labels_next;
 };
 
 /* Free what runs have filled in; zeroed ones are allowed. */
@@ -28,6 +36,9 @@ static inline void factor_prepared_finish(struct factor_prepared *prepared)
     features_finish(&prepared->features);
     for (int i = 0; i < PREPARED_DATA; i++) {
         terms_data_finish(&prepared->data[i].data);
+    }
+    for (int i = 0; i < PREPARED_LABELS; i++) {
+        free(prepared->labels[i].labels);
     }
     *prepared = (struct factor_prepared){0};
 }

@@ -35,7 +35,8 @@ static void keep_point(struct probe *probe, size_t i)
     const struct responses *r = probe->responses;
     size_t area = (size_t)r->window * (size_t)r->window, width = (size_t)r->width;
     int x = (int)(probe->points[i] % width), y = (int)(probe->points[i] / width);
-    probe->norms[i] = 0;
+    probe->beyond[i] = r->beyond ? ldexp(r->beyond[probe->points[i]], -2 * probe->largest) : 0;
+    probe->norms[i] = probe->beyond[i];
     for (int c = 0; c < r->channels; c++) {
         float *window = probe->windows + (i * (size_t)r->channels + (size_t)c) * area;
         responses_get(r, c, x, y, window);
@@ -58,13 +59,16 @@ int probe_begin(struct probe *probe, const struct responses *r, size_t most, uin
         malloc((probe->count + 1) * (size_t)r->channels * area * sizeof *probe->windows);
     probe->norms = malloc((probe->count + 1) * sizeof *probe->norms);
     probe->misses = malloc((probe->count + 1) * sizeof *probe->misses);
+    probe->beyond = malloc((probe->count + 1) * sizeof *probe->beyond);
     probe->lines = malloc((probe->count + 1) * (size_t)r->window * sizeof *probe->lines);
-    if (!probe->points || !probe->windows || !probe->norms || !probe->misses || !probe->lines) {
+    if (!probe->points || !probe->windows || !probe->norms || !probe->misses || !probe->beyond ||
+        !probe->lines) {
         return nacre_fail_memory(error, "the points to watch");
     }
     for (int c = 1; c < r->channels; c++) {
         largest = r->exponent[c] > largest ? r->exponent[c] : largest;
     }
+    probe->largest = largest;
     for (int c = 0; c < r->channels; c++) {
         probe->weights[c] = ldexp(1, 2 * (r->exponent[c] - largest));
     }
@@ -167,7 +171,7 @@ double probe_measure(const struct probe *probe, const struct problem *problem,
     size_t count = 0;
 #pragma omp parallel for schedule(dynamic, 8)
     for (size_t i = 0; i < probe->count; i++) {
-        probe->misses[i] = 0;
+        probe->misses[i] = probe->beyond[i];
         for (int c = 0; c < factors->channels; c++) {
             probe->misses[i] += probe->weights[c] * miss(probe, problem, factors, i, c);
         }
@@ -187,6 +191,7 @@ void probe_finish(struct probe *probe)
     free(probe->windows);
     free(probe->norms);
     free(probe->misses);
+    free(probe->beyond);
     free(probe->lines);
     *probe = (struct probe){0};
 }

@@ -12,6 +12,8 @@ struct probe {
         windows; /* [count][channels][K][K], scaled units; NaN where not measured or outside the sample */
     double *norms;                      /* [count]: of the windows, squared */
     double *misses;                     /* [count]: of the difference, squared; work space */
+    double *beyond;                     /* [count]: of what was measured beyond them, squared */
+    int largest;                        /* exponent: norms are squares in units of 2^largest */
     float *lines;                       /* [count][K]; work space */
     double weights[RESPONSES_CHANNELS]; /* that make the channels' squares comparable */
 };

@@ -381,5 +381,6 @@ void responses_finish(struct responses *responses)
     }
     free(r->measured);
     free(r->points);
+    free(r->beyond);
     *r = (struct responses){0};
 }

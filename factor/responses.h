@@ -50,6 +50,9 @@ struct responses {
                                          * floats 2^15 */
     uint8_t *measured;        /* [height][width]: some entry of the point was measured */
     size_t measured_count;
+    double *
+        beyond; /* [height][width]: squares of what the scan's larger window had measured beside this one, in its own
+                     * unit; NULL where the windows are the same */
     struct responses_point *points; /* until they are scaled: [height][width] */
 };
 
@@ -71,10 +74,15 @@ void responses_put(struct responses *responses, int x, int y, const float *respo
  * in (2^14, 2^15]. Only now may the functions below be called. */
 void responses_scale(struct responses *responses);
 
-/* All of the above for an open scan. Refuses, naming both figures, what does not fit the memory that is free. */
-int responses_load(struct responses *responses, const struct nacre_scan *scan, int lanes,
-                   enum responses_store store, struct progress *progress,
+/* All of the above for an open scan, with the middle `window` x `window` entries of each response (0: all). Refuses, naming
+ * both figures, what does not fit the memory that is free. */
+int responses_load(struct responses *responses, const struct nacre_scan *scan, int window,
+                   int lanes, enum responses_store store, struct progress *progress,
                    struct nacre_error *error);
+
+/* The same responses in a smaller window, made without reading the scan again. */
+int responses_shrink(struct responses *responses, const struct responses *from, int window,
+                     struct nacre_error *error);
 
 /* One entry in scaled units, NaN where not measured; of one outside the sample 0 or NaN. */
 float responses_value(const struct responses *responses, int channel, int x, int y, int u, int v);

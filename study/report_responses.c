@@ -1,4 +1,5 @@
 /* The report's responses: measured beside factored, as pictures and as cuts through the centre. */
+#include "factor/window.h"
 #include "nacre/evaluate.h"
 #include "study/palette.h"
 #include "study/plot.h"
@@ -135,6 +136,12 @@ static int write_point(const struct report *report, size_t index, const struct p
     if (status != NACRE_OK) {
         return status;
     }
+    const struct window_cut cut = {.width = m->width,
+                                   .height = m->height,
+                                   .channels = m->channels,
+                                   .from = nacre_scan_info(report->scan)->window,
+                                   .to = m->window};
+    (void)window_cut(&cut, point->x, point->y, pair->measured, pair->measured);
     nacre_material_response(m, point->x, point->y, pair->factored);
     for (size_t i = 0; i < size; i++) {
         top = fmax(top, fmax(entry_mean(m, pair->measured, i), entry_mean(m, pair->factored, i)));

@@ -4,7 +4,7 @@
 
 #include "factor/factorize.h"
 
-enum { TRADEOFF_RUNS = 160, TRADEOFF_POINTS = 2048 };
+enum { TRADEOFF_RUNS = 160, TRADEOFF_POINTS = 2048, TRADEOFF_WINDOWS = 4 };
 
 /* One factorization, of which each look is a point. */
 struct tradeoff_setting {
@@ -32,7 +32,9 @@ struct tradeoff_run {
     struct tradeoff_setting setting;
     double predicted, seconds; /* that it took of the budget */
     double best_error;         /* of its points */
-    char ended[16];            /* "tolerance", "dominated", "budget", "iterations" */
+    char ended[16];            /* "tolerance", "dominated", "budget", "iterations", "failed" */
+    bool failed;
+    struct nacre_error why; /* it failed */
     /* What other runs may start from. */
     int kept_iterations;
     double kept_seconds;  /* until then, as points count them */
@@ -40,11 +42,19 @@ struct tradeoff_run {
     int depth;            /* stages before it */
 };
 
+/* A window that factorizations may have. */
+struct tradeoff_window {
+    int window;
+    double left_out; /* the mean relative error of having nothing beyond it */
+};
+
 /* What is known so far, from which alone the next setting follows. */
 struct tradeoff {
     int width, height, channels, window;
     double measured_bytes;
     size_t measured_points;
+    struct tradeoff_window windows[TRADEOFF_WINDOWS]; /* falling; the first is the scan's */
+    int window_count;
     double seconds_reading;
     struct tradeoff_run runs[TRADEOFF_RUNS];
     int run_count;

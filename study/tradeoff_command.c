@@ -56,6 +56,9 @@ char *tradeoff_command(const struct tradeoff *t, const struct tradeoff_request *
     }
     (void)fprintf(line, " --weight %s",
                   s->weight == FACTOR_WEIGHT_RESPONSE ? "response" : "kernel");
+    if (s->window != t->window) {
+        (void)fprintf(line, " --window %d", s->window);
+    }
     write_stages(line, t, point->run);
     (void)fprintf(line, " --iterations %d --tolerance 0 --epsilon %g", point->iterations,
                   s->epsilon);

@@ -196,7 +196,7 @@ static int write_row(FILE *page, const struct tradeoff *t, const struct tradeoff
                                              : "bytes",
                   s->terms);
     (void)(s->clusters ? fprintf(page, "%d", s->clusters) : fputs("none", page));
-    (void)fputs("</td></tr>\n<tr><td colspan=\"8\"><code>", page);
+    (void)fprintf(page, "</td><td>%d</td></tr>\n<tr><td colspan=\"9\"><code>", s->window);
     page_text(page, command);
     (void)fputs("</code></td></tr>\n", page);
     free(command);
@@ -211,7 +211,7 @@ static int write_table(FILE *page, const struct tradeoff *t, const struct tradeo
                 "Each command repeats its point: the same scan, device and version give the same "
                 "material, bit for bit.</p>\n<div class=\"scroll\"><table>\n<tr><th>No.</th>"
                 "<th>Mean error</th><th>Without the centre</th><th>Seconds</th><th>Size</th>"
-                "<th>Ratio</th><th>Front</th><th>Terms</th><th>Clusters</th></tr>\n",
+                "<th>Ratio</th><th>Front</th><th>Terms</th><th>Clusters</th><th>Window</th></tr>\n",
                 page);
     for (int i = 0; i < rows->count && status == NACRE_OK; i++) {
         status = write_row(page, t, request, i + 1, &t->points[rows->points[i]], error);
@@ -252,7 +252,7 @@ static void write_runs(FILE *page, const struct tradeoff *t)
         "what its iterations won last would leave it behind what others reached in as few "
         "bytes and as few seconds; settings that no front holds have no neighbours "
         "tried.</p>\n<div class=\"scroll\"><table>\n<tr><th>Run</th><th>From</th>"
-        "<th>Method</th><th>Weight</th><th>Terms</th><th>Clusters</th><th>ε</th>"
+        "<th>Method</th><th>Weight</th><th>Terms</th><th>Clusters</th><th>Window</th><th>ε</th>"
         "<th>Best error</th><th>Seconds of the budget</th><th>Ended by</th></tr>\n",
         page);
     for (int i = 0; i < t->run_count; i++) {
@@ -263,8 +263,15 @@ static void write_runs(FILE *page, const struct tradeoff *t)
         (void)fprintf(page, "</td><td>%s</td><td>%s</td><td>%d</td><td>", tradeoff_method_word(s),
                       tradeoff_weight_word(s), s->terms);
         (void)(s->clusters ? fprintf(page, "%d", s->clusters) : fputs("none", page));
-        (void)fprintf(page, "</td><td>%g</td><td>%.3f %%</td><td>%.3g</td><td>%s</td></tr>\n",
-                      s->epsilon, 100 * run->best_error, run->seconds, run->ended);
+        (void)fprintf(page, "</td><td>%d</td><td>%g</td><td>", s->window, s->epsilon);
+        (void)(isfinite(run->best_error) ? fprintf(page, "%.3f %%", 100 * run->best_error)
+                                         : fputs("none", page));
+        (void)fprintf(page, "</td><td>%.3g</td><td>%s", run->seconds, run->ended);
+        if (run->failed) {
+            (void)fputs(": ", page);
+            page_text(page, run->why.text);
+        }
+        (void)fputs("</td></tr>\n", page);
     }
     (void)fputs("</table></div>\n", page);
 }

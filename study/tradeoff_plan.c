@@ -20,6 +20,9 @@ enum {
 /* More terms are tried as long as the last ones lowered the error by this share. */
 #define WORTHWHILE 0.02
 
+/* A window is tried where what it leaves out is at most this share of the error. */
+#define LEFT_OUT 0.5
+
 /* Kernels' epsilons that are tried. */
 #define EPSILON_FACTOR 10.0
 
@@ -95,6 +98,9 @@ static double predict(const struct tradeoff *t, const struct tradeoff_setting *s
     double seconds = 0, nearest = INFINITY;
     for (int i = 0; i < t->run_count; i++) {
         const struct tradeoff_run *run = &t->runs[i];
+        if (run->failed) {
+            continue;
+        }
         double ratio = cost_of(s) / cost_of(&run->setting);
         double distance = fabs(log(ratio)) + (is_family(&run->setting, s) ? 0 : 10);
         if (distance < nearest) {
@@ -187,10 +193,21 @@ static bool is_best(const struct tradeoff *t, int run)
     return true;
 }
 
-enum { NEIGHBOURS = 8 };
+/* The next smaller window, where it leaves out little beside the run's error; 0 where there is none. */
+static int smaller_window(const struct tradeoff *t, const struct tradeoff_run *run)
+{
+    for (int i = 0; i < t->window_count; i++) {
+        if (t->windows[i].window < run->setting.window) {
+            return t->windows[i].left_out <= LEFT_OUT * run->best_error ? t->windows[i].window : 0;
+        }
+    }
+    return 0;
+}
+
+enum { NEIGHBOURS = 9 };
 
 /* How many seconds each is worth waiting for, beside a change of weight: more terms lower the error most. */
-static const double promise[NEIGHBOURS] = {4, 1, 2, 1, 1, 0.25, 0.25, 0.5};
+static const double promise[NEIGHBOURS] = {4, 1, 2, 1, 1, 0.25, 0.25, 0.5, 1};
 
 /* What differs from a run by one step in one thing; zero terms where there is no such setting. */
 static void list_neighbours(const struct tradeoff *t, int index,
@@ -216,6 +233,8 @@ static void list_neighbours(const struct tradeoff *t, int index,
     if (!clustered || run->setting.epsilon != seeds[0].epsilon || !is_best(t, index)) {
         list[5].terms = list[6].terms = 0;
     }
+    list[8].window = smaller_window(t, run);
+    list[8].terms = list[8].window > 0 ? terms : 0;
     /* The paper's model gains by starting from fewer terms, a kernel per term does not: the other is looked at, too, but
      * for the best alone. */
     for (int i = 0; i < NEIGHBOURS; i++) {

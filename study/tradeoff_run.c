@@ -6,6 +6,7 @@
 #include "factor/factors.h"
 #include "study/tradeoff_front.h"
 #include "study/tradeoff_plan.h"
+#include "study/tradeoff_window.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -17,7 +18,7 @@
 
 /* The study while it runs. */
 struct runner {
-    const struct responses *responses;
+    const struct responses *responses; /* of the scan's window */
     double pitch_mm;
     const struct tradeoff_request *request;
     const struct opencl *opencl;
@@ -25,7 +26,11 @@ struct runner {
     struct clock *clock;
     int64_t begun_ns;
     double deadline; /* seconds since begun_ns */
-    struct factor_prepared prepared;
+    struct dataset {
+        struct responses responses; /* with a smaller window */
+        bool ready;
+        struct factor_prepared prepared;
+    } datasets[TRADEOFF_WINDOWS]; /* as tradeoff->windows; the first has no responses of its own */
     struct tradeoff *tradeoff;
     struct factor_watcher watcher; /* that looks at the runs */
     struct factor_options options; /* of the run */
@@ -45,13 +50,19 @@ int tradeoff_begin(struct tradeoff *t, struct nacre_error *error)
     return t->points ? NACRE_OK : nacre_fail_memory(error, "the points of the study");
 }
 
+static void drop_factors(struct tradeoff_run *run)
+{
+    if (run->kept) {
+        factors_finish(run->kept);
+        free(run->kept);
+        run->kept = NULL;
+    }
+}
+
 void tradeoff_finish(struct tradeoff *t)
 {
     for (int i = 0; i < t->run_count; i++) {
-        if (t->runs[i].kept) {
-            factors_finish(t->runs[i].kept);
-            free(t->runs[i].kept);
-        }
+        drop_factors(&t->runs[i]);
     }
     free(t->points);
     *t = (struct tradeoff){0};
@@ -200,6 +211,34 @@ static struct factor_options options_of(const struct runner *r,
     return o;
 }
 
+/* The responses in a setting's window and what runs share about them. */
+static int open_dataset(struct runner *r, int window, const struct responses **responses,
+                        struct factor_prepared **prepared, struct nacre_error *error)
+{
+    int i = 0;
+    while (i < r->tradeoff->window_count - 1 && r->tradeoff->windows[i].window != window) {
+        i++;
+    }
+    struct dataset *d = &r->datasets[i];
+    *responses = i == 0 ? r->responses : &d->responses;
+    *prepared = &d->prepared;
+    if (i == 0 || d->ready) {
+        return NACRE_OK;
+    }
+    int status = responses_shrink(&d->responses, r->responses, window, error);
+    d->ready = status == NACRE_OK;
+    return status;
+}
+
+/* A run that failed is no reason to end the study: what it found stays, and why it failed is noted. */
+static void note_failure(struct tradeoff_run *run, const struct nacre_error *why)
+{
+    run->failed = true;
+    run->why = *why;
+    (void)snprintf(run->ended, sizeof run->ended, "failed");
+    drop_factors(run);
+}
+
 /* One factorization, looked at as it goes. */
 static int run_one(struct runner *r, const struct tradeoff_setting *setting, double predicted,
                    struct nacre_error *error)
@@ -215,21 +254,28 @@ static int run_one(struct runner *r, const struct tradeoff_setting *setting, dou
                                  .depth =
                                      setting->parent < 0 ? 0 : t->runs[setting->parent].depth + 1};
     r->options = options_of(r, setting);
-    r->options.prepared = &r->prepared;
+    const struct responses *responses = NULL;
+    struct nacre_error why = {""};
     r->options.watcher = &r->watcher;
     r->out_of_time = false;
     int points = t->point_count;
-    int status = factorize_responses(r->responses, r->pitch_mm, &r->options, r->opencl, r->progress,
-                                     &material, &summary, error);
+    int status = open_dataset(r, setting->window, &responses, &r->options.prepared, &why);
+    if (status == NACRE_OK) {
+        status = factorize_responses(responses, r->pitch_mm, &r->options, r->opencl, r->progress,
+                                     &material, &summary, &why);
+    }
     if (status == NACRE_OK && !run->ended[0]) {
         (void)snprintf(run->ended, sizeof run->ended, "%.15s", summary.stopped_by);
     }
     run->seconds = seconds_of(r) - begun;
-    if (t->point_count == points) {
-        if (run->kept) {
-            factors_finish(run->kept);
-            free(run->kept);
-        }
+    if (status == NACRE_FAILED) {
+        note_failure(run, &why);
+        status = NACRE_OK;
+    } else if (status != NACRE_OK && error) {
+        *error = why;
+    }
+    if (t->point_count == points && !run->failed) {
+        drop_factors(run);
         t->run_count--;
     }
     factor_summary_finish(&summary);
@@ -264,13 +310,20 @@ int tradeoff_run(const struct responses *responses, double pitch_mm,
     t->measured_bytes = 4.0 * responses->width * responses->height * responses->channels *
                         responses->window * responses->window;
     t->seconds_reading = request->seconds_reading;
+    status = tradeoff_list_windows(responses, t, error);
     while (status == NACRE_OK && tradeoff_next(t, r.deadline - seconds_of(&r), &next, &predicted)) {
-        int points = t->point_count;
+        int runs = t->run_count;
         status = run_one(&r, &next, predicted, error);
-        if (t->point_count == points) {
+        if (t->run_count == runs) {
             break; /* no time for a single iteration, or stopped */
         }
     }
-    factor_prepared_finish(&r.prepared);
+    for (int i = 0; i < TRADEOFF_WINDOWS; i++) {
+        factor_prepared_finish(&r.datasets[i].prepared);
+        responses_finish(&r.datasets[i].responses);
+    }
+    if (status == NACRE_OK && t->point_count == 0 && t->run_count > 0) {
+        status = nacre_fail(error, "no factorization succeeded: %s", t->runs[0].why.text);
+    }
     return status;
 }

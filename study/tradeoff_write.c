@@ -105,12 +105,18 @@ static json_t *point_to_json(const struct tradeoff *t, const struct tradeoff_req
 static json_t *run_to_json(const struct tradeoff_run *run)
 {
     const struct tradeoff_setting *s = &run->setting;
-    return json_pack("{s:s, s:s, s:s, s:i, s:i, s:i, s:f, s:i, s:f, s:f, s:f, s:s}", "model",
-                     tradeoff_model_word(s), "method", tradeoff_method_word(s), "weight",
-                     tradeoff_weight_word(s), "terms", s->terms, "clusters", s->clusters, "window",
-                     s->window, "epsilon", s->epsilon, "from_run", s->parent, "seconds",
-                     run->seconds, "seconds_predicted", run->predicted, "error", run->best_error,
-                     "ended_by", run->ended);
+    json_t *object =
+        json_pack("{s:s, s:s, s:s, s:i, s:i, s:i, s:f, s:i, s:f, s:f, s:o, s:s}", "model",
+                  tradeoff_model_word(s), "method", tradeoff_method_word(s), "weight",
+                  tradeoff_weight_word(s), "terms", s->terms, "clusters", s->clusters, "window",
+                  s->window, "epsilon", s->epsilon, "from_run", s->parent, "seconds", run->seconds,
+                  "seconds_predicted", run->predicted, "error",
+                  isfinite(run->best_error) ? json_real(run->best_error) : json_null(), "ended_by",
+                  run->ended);
+    if (object && run->failed) {
+        (void)json_object_set_new(object, "why", json_string(run->why.text));
+    }
+    return object;
 }
 
 struct json_t *tradeoff_to_json(const struct tradeoff *t, const struct tradeoff_request *request)

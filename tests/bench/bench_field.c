@@ -24,7 +24,7 @@ static int describe_scans(char **paths, int count)
         struct nacre_scan *scan = NULL;
         struct responses responses;
         if (nacre_scan_open(paths[i], &scan, &error) != NACRE_OK ||
-            responses_load(&responses, scan, layout_lanes(&opencl), RESPONSES_FLOAT, NULL,
+            responses_load(&responses, scan, 0, layout_lanes(&opencl), RESPONSES_FLOAT, NULL,
                            &error) != NACRE_OK) {
             fail(error.text);
         }

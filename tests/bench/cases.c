@@ -34,15 +34,15 @@ void case_make(const struct bench_case *c, int lanes, bool half, struct case_pro
 {
     const struct factor_options options = factor_options_default();
     struct field field = field_new(c->kind, c->width, c->height, c->window, c->channels, CASE_SEED);
-    struct features features = {0};
+    struct factor_prepared prepared = {0};
     struct nacre_error error = {0};
     *made = (struct case_problem){.responses = field_load(&field, lanes, half)};
-    if (features_new(&made->responses, &features, &error) != NACRE_OK ||
-        attempt_begin(&made->attempt, &made->responses, &features, NULL, &options, c->terms,
+    if (features_new(&made->responses, &prepared.features, &error) != NACRE_OK ||
+        attempt_begin(&made->attempt, &made->responses, &prepared, NULL, &options, c->terms,
                       c->clusters, &error) != NACRE_OK) {
         fail(error.text);
     }
-    features_finish(&features);
+    factor_prepared_finish(&prepared);
     field_finish(&field);
 }
 

@@ -4,6 +4,7 @@
 #include "tests/cmd/spawn.h"
 
 #include <jansson.h>
+#include <math.h>
 #include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -275,6 +276,59 @@ static void stages_that_lead_nowhere_are_refused(void)
     spawned_finish(&run);
 }
 
+/* The mean over all points of the norm of what lies beyond the middle 3 x 3 entries, by the formula. */
+static double left_out(void)
+{
+    double sum = 0;
+    for (int i = 0; i < MADE_WIDTH * MADE_HEIGHT; i++) {
+        double beyond = 0, norm = 0;
+        int x = i % MADE_WIDTH, y = i / MADE_WIDTH;
+        for (int j = 0; j < 3 * MADE_WINDOW * MADE_WINDOW; j++) {
+            int dx = j % MADE_WINDOW - MADE_WINDOW / 2;
+            int dy = j / MADE_WINDOW % MADE_WINDOW - MADE_WINDOW / 2;
+            double value =
+                (double)made_response(j / MADE_WINDOW / MADE_WINDOW, x, y, x + dx, y + dy);
+            norm += value * value;
+            beyond += abs(dx) > 1 || abs(dy) > 1 ? value * value : 0;
+        }
+        sum += sqrt(beyond / norm);
+    }
+    return sum / (MADE_WIDTH * MADE_HEIGHT);
+}
+
+/* What a smaller window leaves out is an error that nothing fitted inside can take away. The scan may hold half floats,
+ * of 2^-11: hence 1e-3 of the bound. Inside, the formula is a product of what lies at both ends and a fall-off: 5 % is far
+ * more than is left there. nacre error reads the file again and sees the same. */
+static void a_smaller_window_counts_what_it_leaves_out(void)
+{
+    struct spawned run = RUN(NULL, "-t", "6", "-k", "2", "--window", "3", "--json");
+    expect_status(&run, 0);
+    json_t *object = parse(&run);
+    double error = number(json_object_get(object, "error"), "mean");
+    TEST_ASSERT_TRUE(error >= 0.999 * left_out());
+    TEST_ASSERT_TRUE(error <= hypot(left_out(), 0.05));
+    json_decref(object);
+    spawned_finish(&run);
+    run = spawn((const char *const[]){nacre, "error", scan, material, "--json", NULL}, NULL);
+    expect_status(&run, 0);
+    object = parse(&run);
+    TEST_ASSERT_EQUAL_DOUBLE(error, number(json_object_get(object, "error"), "mean"));
+    json_decref(object);
+    spawned_finish(&run);
+}
+
+static void windows_that_are_not_in_the_scan_are_refused(void)
+{
+    static const char *const windows[] = {"4", "9"};
+    for (int i = 0; i < 2; i++) {
+        struct spawned run = RUN(NULL, "--window", windows[i]);
+        expect_status(&run, 1);
+        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run.errors, "ask for an odd one"), run.errors);
+        TEST_ASSERT_TRUE(access(material, F_OK) != 0);
+        spawned_finish(&run);
+    }
+}
+
 int main(int argc, char **argv)
 {
     if (argc != 3) {
@@ -290,6 +344,8 @@ int main(int argc, char **argv)
     RUN_TEST(wishes_that_make_no_sense_are_refused);
     RUN_TEST(fewer_terms_are_a_start);
     RUN_TEST(stages_that_lead_nowhere_are_refused);
+    RUN_TEST(a_smaller_window_counts_what_it_leaves_out);
+    RUN_TEST(windows_that_are_not_in_the_scan_are_refused);
     RUN_TEST(an_explanation_comes_before_the_result);
     RUN_TEST(a_stopped_factorization_continues_to_the_same_file);
     RUN_TEST(a_checkpoint_of_other_options_or_damaged_is_refused);

@@ -37,6 +37,11 @@ static int step(struct method *method, int channel, double *objective, struct na
             (void)nacre_fail(error, "stopped on request");
             return NACRE_CANCELLED;
         }
+        if (paced->fail_at > 0 && paced->iterations + 1 >= paced->fail_at &&
+            paced->iterations + 1 <= paced->fail_until) {
+            paced->iterations++;
+            return nacre_fail(error, "the device lost its memory");
+        }
         if (paced->before) {
             paced->before(paced->data, paced->iterations + 1);
         }

@@ -13,9 +13,10 @@ struct paced {
     double seconds_per_term; /* an iteration of all channels takes this times its terms */
     int slow_from; /* 1-based iteration from which on it takes slow_factor times as long; 0: never */
     double slow_factor;
-    int cancel_at;  /* iteration that the user stops the run before; 0: none */
-    int iterations; /* begun so far, of all methods made */
-    double longest; /* iteration so far, in seconds */
+    int cancel_at;           /* iteration that the user stops the run before; 0: none */
+    int fail_at, fail_until; /* iterations that cannot be made, if not 0 */
+    int iterations;          /* begun so far, of all methods made */
+    double longest;          /* iteration so far, in seconds */
     void (*before)(void *data, int iteration); /* called before each; may be NULL */
     void *data;
 };

@@ -144,7 +144,7 @@ static void the_error_is_what_its_definition_says(void)
     struct error_report report;
     struct nacre_error error = {0};
     struct nacre_material material = run(&sample, &options, &summary);
-    struct error_source source = {&sample, read_sample};
+    struct error_source source = {.data = &sample, .read = read_sample};
     TEST_ASSERT_EQUAL(NACRE_OK, error_measure(&source, &material, NULL, &report, &error));
     check_report(&sample, &material, &report);
     check_report(&sample, &material, &summary.error);
@@ -379,7 +379,7 @@ static double error_of_stored(const struct sample *sample, const struct factor_o
     struct nacre_material material;
     struct factor_summary summary = {0};
     struct error_report report = {0};
-    const struct error_source source = {sample, read_sample};
+    const struct error_source source = {.data = sample, .read = read_sample};
     struct responses responses = half ? sample_load_half(sample, layout_lanes(&opencl))
                                       : sample_load(sample, layout_lanes(&opencl));
     TEST_ASSERT_EQUAL_MESSAGE(

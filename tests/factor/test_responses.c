@@ -1,6 +1,8 @@
 /* Responses in the working layout: what comes back, what is masked, how half floats round. */
 #include "sample.h"
 
+#include "factor/window.h"
+
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
@@ -197,6 +199,60 @@ static void half_floats_take_half_the_memory(void)
     TEST_ASSERT_EQUAL_UINT64(SIZE_MAX, responses_bytes(&info, 8, true));
 }
 
+/* The middle of a response is what stands there, and what it leaves out is the sum of squares of the rest that lies inside
+ * the sample and was measured, here in double over the entries one by one: other orders of summing some hundred squares
+ * differ by less than 1e-12 of it. */
+static void the_middle_of_a_window_leaves_out_the_rest(void)
+{
+    struct sample sample = sample_new(9, 8, 3, 11, 5);
+    sample_punch_holes(&sample);
+    for (int to = 1; to <= sample.window; to += 2) {
+        const struct window_cut cut = {9, 8, 3, sample.window, to};
+        float middle[3 * 11 * 11];
+        for (int i = 0; i < 9 * 8; i++) {
+            double rest = 0;
+            double left = window_cut(&cut, i % 9, i / 9, sample_at(&sample, i % 9, i / 9), middle);
+            for (int j = 0; j < 3 * 11 * 11; j++) {
+                int c = j / 121, u = j % 11, v = j / 11 % 11, border = (11 - to) / 2;
+                bool kept = u >= border && u < 11 - border && v >= border && v < 11 - border;
+                float value = sample_at(&sample, i % 9, i / 9)[j];
+                if (kept) {
+                    float found = middle[(c * to + v - border) * to + u - border];
+                    TEST_ASSERT_EQUAL_MEMORY(&value, &found, sizeof value);
+                } else if (!isnan(expected_at(&sample, i % 9, i / 9, c, u, v))) {
+                    rest += (double)value * (double)value;
+                }
+            }
+            TEST_ASSERT_DOUBLE_WITHIN(1e-12 * rest, rest, left);
+        }
+    }
+    sample_finish(&sample);
+}
+
+/* Made of the larger ones or of the middles themselves, responses are the same. */
+static void shrunk_responses_are_those_of_the_middle(void)
+{
+    struct sample sample = sample_new(9, 8, 3, 11, 5), small = sample_new(9, 8, 3, 5, 5);
+    const struct window_cut cut = {9, 8, 3, 11, 5};
+    struct nacre_error error = {""};
+    struct responses shrunk;
+    sample_punch_holes(&sample);
+    for (int i = 0; i < 9 * 8; i++) {
+        (void)window_cut(&cut, i % 9, i / 9, sample_at(&sample, i % 9, i / 9),
+                         sample_at(&small, i % 9, i / 9));
+    }
+    struct responses large = sample_load(&sample, 8);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, responses_shrink(&shrunk, &large, 5, &error),
+                                  error.text);
+    TEST_ASSERT_TRUE(worst_error(&small, &shrunk, DBL_MIN) == 0);
+    TEST_ASSERT_NOT_NULL(shrunk.beyond);
+    TEST_ASSERT_TRUE(shrunk.beyond[40] > 0);
+    responses_finish(&shrunk);
+    responses_finish(&large);
+    sample_finish(&small);
+    sample_finish(&sample);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -208,5 +264,7 @@ int main(void)
     RUN_TEST(scaling_brings_the_largest_near_its_bound);
     RUN_TEST(darkness_stays_dark);
     RUN_TEST(half_floats_take_half_the_memory);
+    RUN_TEST(the_middle_of_a_window_leaves_out_the_rest);
+    RUN_TEST(shrunk_responses_are_those_of_the_middle);
     return UNITY_END();
 }

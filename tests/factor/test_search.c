@@ -320,7 +320,7 @@ static int read_sample(const void *data, int x, int y, float *response, struct n
 /* Measured anew from the sample itself. */
 static double mean_error(const struct sample *sample, const struct nacre_material *material)
 {
-    const struct error_source source = {sample, read_sample};
+    const struct error_source source = {.data = sample, .read = read_sample};
     struct error_report report;
     TEST_ASSERT_EQUAL_INT(NACRE_OK, error_measure(&source, material, NULL, &report, &error));
     double mean = report.whole.mean;

@@ -37,16 +37,16 @@ static void open_stage(struct stage *s, const struct sample *sample, const struc
                        const struct opencl *opencl, bool half)
 {
     struct factor_options options = factor_options_default();
-    struct features features;
+    struct factor_prepared prepared = {0};
     struct nacre_error error = {0};
     int lanes = layout_lanes(opencl);
     options.epsilon = hard_epsilon(hard);
     s->responses = half ? sample_load_half(sample, lanes) : sample_load(sample, lanes);
-    bench_succeed(features_new(&s->responses, &features, &error), &error);
-    bench_succeed(attempt_begin(&s->attempt, &s->responses, &features, NULL, &options, hard->terms,
+    bench_succeed(features_new(&s->responses, &prepared.features, &error), &error);
+    bench_succeed(attempt_begin(&s->attempt, &s->responses, &prepared, NULL, &options, hard->terms,
                                 hard->clusters, &error),
                   &error);
-    features_finish(&features);
+    factor_prepared_finish(&prepared);
     size_t count = (size_t)hard->terms * (size_t)hard->width * (size_t)hard->height;
     s->bench = (struct bench){.responses = s->responses,
                               .problem = s->attempt.problem,

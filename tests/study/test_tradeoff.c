@@ -105,7 +105,7 @@ static bool is_same(const struct tradeoff_setting *a, const struct tradeoff_sett
 {
     return a->model == b->model && a->method == b->method && a->weight == b->weight &&
            a->terms == b->terms && a->clusters == b->clusters && a->epsilon == b->epsilon &&
-           (a->parent < 0) == (b->parent < 0);
+           a->window == b->window && (a->parent < 0) == (b->parent < 0);
 }
 
 /* Let the plan run to its end on answers by formula. */
@@ -184,6 +184,29 @@ static void nothing_is_begun_that_does_not_fit_the_time(void)
     TEST_ASSERT_TRUE(study.run_count > 3);
 }
 
+/* Windows of 21 and, leaving out 0.3 %, 15; and 11, leaving out 3 %, which is above half of any error here but those of
+ * mu. */
+static void windows_shrink_where_little_is_left_out(void)
+{
+    static const int windows[] = {21, 15, 11};
+    static const double left_out[] = {0, 0.003, 0.03};
+    int count[3] = {0};
+    for (int i = 0; i < 3; i++) {
+        study.windows[i] = (struct tradeoff_window){.window = windows[i], .left_out = left_out[i]};
+    }
+    study.window_count = 3;
+    plan_to_the_end(1e9);
+    for (int i = 0; i < study.run_count; i++) {
+        const struct tradeoff_setting *s = &study.runs[i].setting;
+        for (int j = 0; j < 3; j++) {
+            count[j] += s->window == windows[j] && s->method != FACTOR_METHOD_MU;
+        }
+    }
+    TEST_ASSERT_TRUE(count[0] > 0);
+    TEST_ASSERT_TRUE(count[1] > 0);
+    TEST_ASSERT_EQUAL_INT(0, count[2]);
+}
+
 static void a_run_that_falls_behind_is_dominated(void)
 {
     imagine();
@@ -218,21 +241,25 @@ static void a_command_is_what_a_shell_takes(void)
 {
     struct tradeoff_request request = {.scan = "it's a scan.exr", .device = "cpu", .seed = 7};
     imagine();
-    imagine_run((struct tradeoff_setting){.terms = 2, .clusters = 5, .epsilon = 1e-5, .parent = -1},
-                0.1, 1, 1);
+    imagine_run(
+        (struct tradeoff_setting){
+            .terms = 2, .clusters = 5, .window = 15, .epsilon = 1e-5, .parent = -1},
+        0.1, 1, 1);
     study.runs[0].kept_iterations = 12;
     imagine_run((struct tradeoff_setting){.terms = 4,
                                           .clusters = 5,
+                                          .window = 15,
                                           .epsilon = 1e-6,
                                           .weight = FACTOR_WEIGHT_RESPONSE,
                                           .parent = 0},
                 0.1, 1, 1);
     char *command = tradeoff_command(&study, &request, &study.points[1]);
-    TEST_ASSERT_EQUAL_STRING("nacre factor 'it'\\''s a scan.exr' -o material.exr --model clusters "
-                             "--method hals --terms 4 --clusters 5 --weight response --from 2/5/12 "
-                             "--iterations 12 --tolerance 0 --epsilon 1e-06 --store half --seed 7 "
-                             "--device cpu",
-                             command);
+    TEST_ASSERT_EQUAL_STRING(
+        "nacre factor 'it'\\''s a scan.exr' -o material.exr --model clusters "
+        "--method hals --terms 4 --clusters 5 --weight response --window 15 "
+        "--from 2/5/12 --iterations 12 --tolerance 0 --epsilon 1e-06 --store half --seed 7 "
+        "--device cpu",
+        command);
     free(command);
 }
 
@@ -309,6 +336,12 @@ static double repeat(const struct responses *responses, const struct tradeoff_po
     options.tolerance = 0;
     options.store = point->store;
     options.bits = point->bits;
+    struct responses smaller = {0};
+    if (s->window != study.window) {
+        TEST_ASSERT_EQUAL_INT_MESSAGE(
+            NACRE_OK, responses_shrink(&smaller, responses, s->window, &error), error.text);
+        responses = &smaller;
+    }
     options.stages = stages;
     options.stage_count = tradeoff_stages(&study, point->run, stages);
     TEST_ASSERT_EQUAL_INT_MESSAGE(
@@ -319,6 +352,7 @@ static double repeat(const struct responses *responses, const struct tradeoff_po
     double mean = summary.error.whole.mean;
     factor_summary_finish(&summary);
     nacre_material_finish(&material);
+    responses_finish(&smaller);
     return mean;
 }
 
@@ -338,6 +372,69 @@ static void every_point_can_be_repeated(void)
     responses_finish(&responses);
 }
 
+static char *load_text(const char *name)
+{
+    size_t size = 0;
+    char *text = (char *)scratch_load(name, &size);
+    text[size] = '\0';
+    return text;
+}
+
+/* Iterations 10 to 14 fail: two runs or more, as each ends with its first. */
+static void a_run_that_fails_is_noted_and_the_study_goes_on(void)
+{
+    struct paced paced;
+    struct nacre_error error = {0};
+    struct sample sample = sample_new(14, 11, 1, 7, 3);
+    struct responses responses = sample_load(&sample, layout_lanes(&opencl));
+    int failed = 0, after = 0;
+    sample_finish(&sample);
+    paced_begin(&paced, &opencl, FACTOR_METHOD_HALS);
+    paced.seconds_per_term = 1;
+    paced.fail_at = 10;
+    paced.fail_until = 14;
+    struct tradeoff_request request = request_of(&paced, 300);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, tradeoff_run(&responses, 0.5, &request, &opencl, NULL, &study, &error),
+        error.text);
+    for (int i = 0; i < study.run_count; i++) {
+        const struct tradeoff_run *run = &study.runs[i];
+        TEST_ASSERT_EQUAL_INT(run->failed, strcmp(run->ended, "failed") == 0);
+        TEST_ASSERT_EQUAL_INT(run->failed, strstr(run->why.text, "lost its memory") != NULL);
+        failed += run->failed;
+        after += failed > 0 && !run->failed;
+    }
+    TEST_ASSERT_TRUE(failed >= 2 && failed <= 5);
+    TEST_ASSERT_TRUE(after > 0);
+    request.folder = strdup(scratch_path("out"));
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, tradeoff_prepare_folder(request.folder, &error));
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, tradeoff_write(&study, &request, &error), error.text);
+    char *json = load_text("out/tradeoff.json"), *page = load_text("out/tradeoff.html");
+    TEST_ASSERT_NOT_NULL(strstr(json, "the device lost its memory"));
+    TEST_ASSERT_NOT_NULL(strstr(page, "failed: the device lost its memory"));
+    free(json);
+    free(page);
+    free((char *)request.folder);
+    responses_finish(&responses);
+}
+
+static void a_study_of_failures_alone_fails(void)
+{
+    struct paced paced;
+    struct nacre_error error = {0};
+    struct sample sample = sample_new(14, 11, 1, 7, 3);
+    struct responses responses = sample_load(&sample, layout_lanes(&opencl));
+    sample_finish(&sample);
+    paced_begin(&paced, &opencl, FACTOR_METHOD_HALS);
+    paced.fail_at = 1;
+    paced.fail_until = 100000;
+    const struct tradeoff_request request = request_of(&paced, 300);
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED,
+                          tradeoff_run(&responses, 0.5, &request, &opencl, NULL, &study, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "lost its memory"), error.text);
+    responses_finish(&responses);
+}
+
 static int count_lines(const char *text)
 {
     int count = 0;
@@ -345,14 +442,6 @@ static int count_lines(const char *text)
         count += *text == '\n';
     }
     return count;
-}
-
-static char *load_text(const char *name)
-{
-    size_t size = 0;
-    char *text = (char *)scratch_load(name, &size);
-    text[size] = '\0';
-    return text;
 }
 
 static void the_files_say_the_same(void)
@@ -432,12 +521,15 @@ int main(void)
     RUN_TEST(what_is_beaten_everywhere_has_no_neighbours_tried);
     RUN_TEST(terms_grow_as_long_as_they_bring_something);
     RUN_TEST(nothing_is_begun_that_does_not_fit_the_time);
+    RUN_TEST(windows_shrink_where_little_is_left_out);
     RUN_TEST(a_run_that_falls_behind_is_dominated);
     RUN_TEST(looks_come_at_doubling_iterations);
     RUN_TEST(a_command_is_what_a_shell_takes);
     RUN_TEST(the_budget_holds_on_an_injected_clock);
     RUN_TEST(a_budget_too_short_for_one_run_gives_its_first_iteration);
     RUN_TEST(every_point_can_be_repeated);
+    RUN_TEST(a_run_that_fails_is_noted_and_the_study_goes_on);
+    RUN_TEST(a_study_of_failures_alone_fails);
     RUN_TEST(the_files_say_the_same);
     RUN_TEST(a_folder_that_cannot_be_written_is_refused);
     RUN_TEST(all_files_appear_or_none);
