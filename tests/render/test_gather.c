@@ -441,11 +441,104 @@ static void summing_up_stays_within_its_bound(void)
     check_bound(ball, &by_sphere, 0.05, true);
 }
 
-/* Photons are the reference for spread samples; their own error is told by a second set of them. */
+enum { SETS = 12 };
+
+/* What leaves a ball of a smooth material, [vertex * 3 + channel]; heap. */
+static float *light_of_ball(const struct light *lights, const struct bake_settings *settings,
+                            size_t *values)
+{
+    const struct scene_material box = {.mapping = MAPPING_BOX};
+    stand = stand_make(&material, sphere(6, 0.4), &box);
+    bake_alone(&stand, lights, 2, MODE_FULL, settings);
+    *values = stand.mesh.vertex_count * 3;
+    float *light = malloc(*values * sizeof *light);
+    TEST_ASSERT_NOT_NULL(light);
+    memcpy(light, stand.radiosity, *values * sizeof *light);
+    stand_finish(&stand);
+    return light;
+}
+
+/* Of (a - b) and (c - d), value by value. */
+static double product_of_differences(const float *a, const float *b, const float *c, const float *d,
+                                     size_t values)
+{
+    double sum = 0;
+    for (size_t i = 0; i < values; i++) {
+        sum += ((double)a[i] - b[i]) * ((double)c[i] - d[i]);
+    }
+    return sum;
+}
+
+static double total(const float *light, size_t values)
+{
+    double sum = 0;
+    for (size_t i = 0; i < values; i++) {
+        sum += (double)light[i];
+    }
+    return sum;
+}
+
+/* What exceeds the mean of a chi-square variable of so many degrees of freedom once in 10,000 times, over that mean, by
+ * Wilson and Hilferty. */
+static double chi_square_limit(double freedom)
+{
+    double step = 2 / (9 * freedom);
+    return pow(1 - step + 3.72 * sqrt(step), 3);
+}
+
+/* Whether spread samples have the mean that independent sets of photons have, all light together and vertex by vertex.
+ *
+ * All together: Student's t with 11 degrees of freedom exceeds 5.5 less than once in 5,000 times; the spread samples'
+ * own error comes on top of the mean's.
+ *
+ * Vertex by vertex: the square of the distance between the mean of the photon sets and one spread set has the
+ * expectation tr C / SETS + tr S, for the covariances C of a photon set and S of a spread one, which halves of squared
+ * distances within two sets tell. Neighbours share photons, so that it is as a chi-square of only
+ * (tr C)^2 / tr C^2 degrees of freedom (Welch and Satterthwaite); tr C^2 is the mean square of the product of two
+ * independent differences. */
+static void check_agreement(float *const photons[SETS], float *const spread[2], size_t values)
+{
+    double trace = 0, square_trace = 0, sum = 0, square = 0, distance = 0, all = 0;
+    enum { PAIRS = SETS / 2 };
+    for (int i = 0; i < PAIRS; i++) {
+        const float *a = photons[2 * i], *b = photons[2 * i + 1];
+        trace += product_of_differences(a, b, a, b, values) / 2 / PAIRS;
+        for (int j = 0; j < i; j++) {
+            double product =
+                product_of_differences(a, b, photons[2 * j], photons[2 * j + 1], values) / 2;
+            square_trace += 2 * product * product / (PAIRS * (PAIRS - 1));
+        }
+    }
+    for (int k = 0; k < SETS; k++) {
+        double one = total(photons[k], values);
+        sum += one / SETS;
+        square += one * one / SETS;
+    }
+    double spread_trace =
+        product_of_differences(spread[0], spread[1], spread[0], spread[1], values) / 2;
+    double spread_total = total(spread[0], values);
+    double spread_off = spread_total - total(spread[1], values);
+    double deviation = sqrt((square - sum * sum) / (SETS - 1) + spread_off * spread_off / 2);
+    for (size_t i = 0; i < values; i++) {
+        double mean = 0;
+        for (int k = 0; k < SETS; k++) {
+            mean += (double)photons[k][i] / SETS;
+        }
+        distance += (mean - spread[0][i]) * (mean - spread[0][i]);
+        all += (double)spread[0][i] * spread[0][i];
+    }
+    double freedom = fmin(fmax(trace * trace / square_trace, 1), (double)values);
+    double limit = chi_square_limit(freedom) * (trace / SETS + spread_trace);
+    TEST_ASSERT_DOUBLE_WITHIN(5.5 * deviation, spread_total, sum);
+    TEST_ASSERT_TRUE(distance < limit);
+    /* All this tells something: a mean that is off by 1 % fails, and so does one that is off by 2 % at each vertex. */
+    TEST_ASSERT_TRUE(5.5 * deviation < 0.01 * spread_total);
+    TEST_ASSERT_TRUE(limit < 0.02 * 0.02 * all);
+}
+
+/* Photons are the reference for spread samples. */
 static void photons_and_spread_samples_agree(void)
 {
-    const struct bake_settings spread = {.density = 25, .rays = 16, .seed = 1, .quiet = true};
-    struct bake_settings photons = {.photons = 1500000, .seed = 2, .quiet = true};
     struct light lights[2] = {light_of((struct scene_light){.kind = LIGHT_AREA,
                                                             .position_mm = {20, 10, 40},
                                                             .size_mm = {15, 15},
@@ -455,40 +548,25 @@ static void photons_and_spread_samples_agree(void)
                                                             .angle_deg = 16,
                                                             .soft_deg = 3,
                                                             .irradiance = {0.5, 0.2, 1}})};
-    const struct scene_material box = {.mapping = MAPPING_BOX};
-    double mean[3] = {0};
+    float *photons[SETS], *spread[2];
+    size_t values;
     material = stand_even_material(30, 9, 2, 0.8);
-    float(*sets[3])[3] = {0};
-    for (int k = 0; k < 3; k++) {
-        photons.seed = (uint64_t)k + 2;
-        stand = stand_make(&material, sphere(6, 0.4), &box);
-        bake_alone(&stand, lights, 2, MODE_FULL, k < 2 ? &photons : &spread);
-        sets[k] = stand.radiosity;
-        stand.radiosity = NULL;
-        for (size_t i = 0; i < stand.mesh.vertex_count * 3; i++) {
-            mean[k] += sets[k][i / 3][i % 3];
-        }
-        if (k < 2) {
-            stand_finish(&stand);
-        }
+    for (int k = 0; k < SETS; k++) {
+        const struct bake_settings settings = {
+            .photons = 150000, .seed = (uint64_t)k + 2, .quiet = true};
+        photons[k] = light_of_ball(lights, &settings, &values);
     }
-    double photon_square = 0, spread_square = 0, square = 0;
-    for (size_t i = 0; i < stand.mesh.vertex_count * 3; i++) {
-        double a = sets[0][i / 3][i % 3], b = sets[1][i / 3][i % 3], s = sets[2][i / 3][i % 3];
-        photon_square += (a - b) * (a - b) / 2; /* variance of one set */
-        spread_square += (s - (a + b) / 2) * (s - (a + b) / 2);
-        square += s * s;
+    for (int k = 0; k < 2; k++) {
+        const struct bake_settings settings = {
+            .density = 25, .rays = 16, .seed = (uint64_t)k + 1, .quiet = true};
+        spread[k] = light_of_ball(lights, &settings, &values);
     }
-    for (int k = 0; k < 3; k++) {
-        free(sets[k]);
+    check_agreement(photons, spread, values);
+    for (int k = 0; k < SETS; k++) {
+        free(photons[k]);
     }
-    /* All light together: 1.5 million photons of which a third hit leave 0.2 %. */
-    TEST_ASSERT_DOUBLE_WITHIN(0.006 * mean[0], (mean[0] + mean[1]) / 2, mean[2]);
-    /* Vertex by vertex: the mean of both photon sets is off by half their variance; the spread samples may add as
-     * much again. */
-    TEST_ASSERT_TRUE(photon_square > 0);
-    TEST_ASSERT_TRUE(spread_square < photon_square);
-    TEST_ASSERT_TRUE(sqrt(spread_square / square) < 0.05);
+    free(spread[0]);
+    free(spread[1]);
     light_finish(&lights[0]);
     light_finish(&lights[1]);
 }
