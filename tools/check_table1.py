@@ -1,0 +1,65 @@
+#!/usr/bin/env python3
+"""Runs table1.py on the smallest stand-in, interrupts it and lets it go on; totals as Unity's."""
+import json
+import os
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+
+SCRIPT = os.path.join(os.path.dirname(os.path.abspath(__file__)), 'table1.py')
+# So many iterations that half a second after their begin they have not ended.
+ARGUMENTS = ['--small', '--samples', 'marble-close', '--iterations', '2000']
+failures = 0
+
+
+def check(name, holds):
+    global failures
+    failures += not holds
+    print(f'{SCRIPT}:1:{name}:{"PASS" if holds else "FAIL"}', flush=True)
+
+
+def start(*arguments):
+    return subprocess.Popen([SCRIPT, program, folder, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def interrupt():
+    """Stop it in the paper's method: its exit status."""
+    child = start(*ARGUMENTS)
+    for line in child.stderr:
+        if 'paper.exr' in line:
+            time.sleep(0.5)
+            child.send_signal(signal.SIGTERM)
+            break
+    child.communicate()
+    return child.returncode
+
+
+def main():
+    status = interrupt()
+    check('what_is_stopped_leaves_a_checkpoint',
+          status == 128 + signal.SIGTERM and os.path.exists(os.path.join(folder, 'marble-close/paper.checkpoint')))
+    child = start(*ARGUMENTS)
+    table, log = child.communicate()
+    with open(os.path.join(folder, 'marble-close/paper.json'), encoding='utf-8') as file:
+        paper = json.load(file)['result']
+    check('it_goes_on_from_there', child.returncode == 0 and 'simulate' not in log and paper['continued'])
+    check('all_iterations_are_the_papers', paper['method'].startswith('mu') and paper['iterations'] == 2000
+          and paper['stored'] == 'float')
+    rows = [line for line in table.splitlines() if line.startswith('| Marble, close up')]
+    check('both_tables_have_a_row', len(rows) == 2 and '0.006/0.013/0.056' in rows[0] and '32 x 32' in rows[0])
+    check('a_kernel_for_each_term_is_more_exact_in_fewer_bytes', rows[1].endswith('| yes |'))
+    child = start(*ARGUMENTS)
+    again, log = child.communicate()
+    check('nothing_is_done_twice', child.returncode == 0 and log == '' and again == table)
+    child = start('--samples', 'butter')
+    log = child.communicate()[1]
+    check('an_unknown_sample_is_refused', child.returncode == 1 and 'butter' in log)
+
+
+program = os.path.abspath(sys.argv[1])
+with tempfile.TemporaryDirectory() as folder:
+    main()
+print(f'\n7 Tests {failures} Failures 0 Ignored ')
+sys.exit(1 if failures else 0)
