@@ -21,10 +21,14 @@ struct factor_settings {
     bool explain;
 };
 
-static const char *const method_words[] = {"hals", "mu", NULL}; /* enum factor_method */
+/* enum factor_method, and what the model has */
+static const char *const method_words[] = {"hals", "mu", "auto", NULL};
+enum { METHOD_AUTO = FACTOR_METHOD_MU + 1 };
 static const char *const weight_words[] = {"kernel", "response", "auto",
-                                           NULL};                     /* enum factor_weight */
-static const char *const model_words[] = {"clusters", "terms", NULL}; /* enum factor_model */
+                                           NULL}; /* enum factor_weight */
+/* enum factor_model, and what the other options say */
+static const char *const model_words[] = {"clusters", "terms", "auto", NULL};
+enum { MODEL_AUTO = FACTOR_MODEL_TERMS + 1 };
 static const char *const reciprocal_words[] = {"auto", "yes", "gains", "no",
                                                NULL}; /* enum terms_reciprocity */
 static const char *const kernels_words[] = {"radial", "full", NULL};
@@ -46,9 +50,12 @@ static const struct option_spec factor_options[] = {
     {.name = "model",
      .kind = OPTION_CHOICE,
      .words = model_words,
-     .fallback = "clusters",
+     .fallback = "auto",
      .offset = offsetof(struct factor_settings, model),
-     .sentence = "what is fitted: the paper's kernels of clusters, or a kernel for each term"},
+     .sentence =
+         "what is fitted: the paper's kernels of clusters, or a kernel for each term; auto: "
+         "terms, but clusters where --clusters, --method, --kernel max or --regularise, "
+         "which are theirs, is given"},
     {.name = "reciprocal",
      .kind = OPTION_CHOICE,
      .words = reciprocal_words,
@@ -80,11 +87,11 @@ static const struct option_spec factor_options[] = {
     {.name = "method",
      .kind = OPTION_CHOICE,
      .words = method_words,
-     .fallback = "hals",
+     .fallback = "auto",
      .offset = offsetof(struct factor_settings, method),
      .sentence =
-         "how F and H are found: by extrapolated block coordinate descent, or by the paper's "
-         "multiplicative updates, which take many times longer"},
+         "how F and H of --model clusters are found: by extrapolated block coordinate descent "
+         "(auto), or by the paper's multiplicative updates, which take many times longer"},
     {.name = "terms",
      .letter = 't',
      .kind = OPTION_INT,
@@ -93,8 +100,8 @@ static const struct option_spec factor_options[] = {
      .maximum = 1000,
      .offset = offsetof(struct factor_settings, terms),
      .sentence =
-         "terms of the factorization: more follow smoother changes of the material; default "
-         "12, or as --error and --within need"},
+         "terms of the factorization: more follow smoother changes of the material; default 8, 12 "
+         "with --model clusters, or as --error and --within need"},
     {.name = "clusters",
      .letter = 'k',
      .kind = OPTION_INT,
@@ -102,8 +109,9 @@ static const struct option_spec factor_options[] = {
      .minimum = 1,
      .maximum = 1000000,
      .offset = offsetof(struct factor_settings, clusters),
-     .sentence = "kernels: about the number of different materials in the sample; default 5, or as "
-                 "--error and --within need"},
+     .sentence =
+         "kernels of --model clusters: about the number of different materials in the sample; "
+         "default 5, or as --error and --within need"},
     {.name = "iterations",
      .letter = 'i',
      .kind = OPTION_INT,
@@ -374,30 +382,59 @@ static void keep_line(void *data, const char *key, const char *text)
     (void)json_array_append_new(data, json_pack("{s:s, s:s}", "what", key, "why", text));
 }
 
+/* The option that belongs to the paper's model alone, or NULL. */
+static const char *option_of_clusters(const struct factor_settings *s)
+{
+    return s->clusters > 0                ? "--clusters"
+           : s->method != METHOD_AUTO     ? "--method"
+           : s->kernel != KERNELS_AVERAGE ? "--kernel"
+           : s->regularise > 0            ? "--regularise"
+                                          : NULL;
+}
+
+static enum factor_model model_of(const struct factor_settings *s)
+{
+    return s->model != MODEL_AUTO  ? (enum factor_model)s->model
+           : option_of_clusters(s) ? FACTOR_MODEL_CLUSTERS
+                                   : FACTOR_MODEL_TERMS;
+}
+
+static void explain_model(const struct factor_settings *s, const struct listener *to)
+{
+    const char *option = option_of_clusters(s);
+    bool shaped = model_of(s) == FACTOR_MODEL_TERMS;
+    tell(to, "model", "%s, %s%s", shaped ? "a kernel for each term" : "kernels of clusters",
+         s->model != MODEL_AUTO ? "as asked for"
+         : shaped               ? "which takes the fewest bytes for its error"
+                                : "because of ",
+         s->model == MODEL_AUTO && !shaped ? option : "");
+}
+
 static struct factor_options to_options(const struct factor_settings *s)
 {
-    return (struct factor_options){.model = (enum factor_model)s->model,
-                                   .reciprocity = (enum terms_reciprocity)s->reciprocal,
-                                   .full_kernels = s->kernels == 1,
-                                   .separate_planes = s->planes == 1,
-                                   .bits = s->bits == 1 ? 2 : s->bits,
-                                   .method = (enum factor_method)s->method,
-                                   .weight = (enum factor_weight)s->weight,
-                                   .terms = s->terms,
-                                   .clusters = s->clusters,
-                                   .iterations = s->iterations,
-                                   .kernel = (enum kernels_kind)s->kernel,
-                                   .tolerance = s->tolerance,
-                                   .error = s->error,
-                                   .seconds = s->within,
-                                   .checkpoint = s->checkpoint,
-                                   .checkpoint_seconds = s->checkpoint_every,
-                                   .window = s->window,
-                                   .epsilon = s->epsilon,
-                                   .store = (enum factor_store)s->store,
-                                   .responses = (enum responses_store)s->responses,
-                                   .seed = s->seed,
-                                   .regularise = s->regularise};
+    return (struct factor_options){
+        .model = model_of(s),
+        .reciprocity = (enum terms_reciprocity)s->reciprocal,
+        .full_kernels = s->kernels == 1,
+        .separate_planes = s->planes == 1,
+        .bits = s->bits == 1 ? 2 : s->bits,
+        .method = s->method == METHOD_AUTO ? FACTOR_METHOD_HALS : (enum factor_method)s->method,
+        .weight = (enum factor_weight)s->weight,
+        .terms = s->terms,
+        .clusters = s->clusters,
+        .iterations = s->iterations,
+        .kernel = (enum kernels_kind)s->kernel,
+        .tolerance = s->tolerance,
+        .error = s->error,
+        .seconds = s->within,
+        .checkpoint = s->checkpoint,
+        .checkpoint_seconds = s->checkpoint_every,
+        .window = s->window,
+        .epsilon = s->epsilon,
+        .store = (enum factor_store)s->store,
+        .responses = (enum responses_store)s->responses,
+        .seed = s->seed,
+        .regularise = s->regularise};
 }
 
 /* The history tells seconds, which differ from run to run; where outputs are to be reproducible it is left out. */
@@ -429,12 +466,16 @@ static int judge(int stopped, const struct nacre_material *m, const struct facto
         return NACRE_CANCELLED;
     }
     if (!summary->error_held) {
+        char clusters[32] = "";
+        if (m->clusters > 0) {
+            (void)snprintf(clusters, sizeof clusters, " and %d clusters", m->clusters);
+        }
         return nacre_fail(error,
                           "could not reach a mean error of %.4g %%%s: the best was %.4g %% with %d "
-                          "terms and %d clusters, which %s holds",
+                          "terms%s, which %s holds",
                           100 * s->error,
                           strcmp(summary->stopped_by, "time") == 0 ? " in the time given" : "",
-                          100 * summary->error.whole.mean, m->terms, m->clusters, s->output);
+                          100 * summary->error.whole.mean, m->terms, clusters, s->output);
     }
     return NACRE_OK;
 }
@@ -512,6 +553,7 @@ static int factor_run(const void *settings, const struct invocation *invocation,
     options.begun_ns = clock_now_ns(&clock);
     if (s->explain) {
         options.listener = (struct listener){explained ? keep_line : print_line, explained};
+        explain_model(s, &options.listener);
     }
     int status = parse_stages(s->from, stages, &options.stage_count, error);
     if (status == NACRE_OK) {
@@ -554,12 +596,15 @@ const struct verb verb_factor = {
     .name = "factor",
     .operands = "SCAN -o MATERIAL",
     .summary = "factor a scan's responses into a compact material",
-    .text = "The model is that of Peers et al. 2006, section 5: R_d(x_i, x_o) ~ (sum over terms of "
-            "F(x_i, t) H(t, x_o)) times the kernel g(x_o - x_i) of x_i's cluster. Responses are "
-            "clustered by how they fall off with distance, the kernels are the clusters' average "
-            "responses, and F and H are found step by step on an OpenCL device.\n\n"
+    .text = "The model has a kernel for each term: R_d(x_i, x_o) ~ sum over terms t of F(x_i, t) "
+            "g_t(x_o - x_i) H(t, x_o), and at x_i itself a number of its own; H is F where light "
+            "goes the same way forth and back. With --model clusters it is that of Peers et al. "
+            "2006, section 5: R_d(x_i, x_o) ~ (sum over terms of F(x_i, t) H(t, x_o)) times the "
+            "kernel g(x_o - x_i) of x_i's cluster; responses are clustered by how they fall off "
+            "with distance, and the kernels are the clusters' average responses. All is found "
+            "step by step on an OpenCL device.\n\n"
             "Entries and responses that were not measured weigh nothing; points without any "
-            "measurement take F, H and cluster from their neighbours. Ctrl-C during the iterations "
+            "measurement take their numbers from their neighbours. Ctrl-C during the iterations "
             "writes the best material so far.\n\n"
             "With --error or --within, the terms, clusters and iterations that are not given are "
             "chosen, and what was tried is printed as a table. When the error asked for cannot be "

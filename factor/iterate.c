@@ -208,12 +208,15 @@ static void tell_pace(const struct conductor *c)
     if (attempt_iterations(a) != 3) {
         return;
     }
-    char all[64] = "";
+    char all[64] = "", clusters[32] = "";
+    if (c->options->model == FACTOR_MODEL_CLUSTERS) {
+        (void)snprintf(clusters, sizeof clusters, " and %d clusters", a->problem.clusters);
+    }
     if (limit < INT_MAX) {
         (void)snprintf(all, sizeof all, "; %d would take %.3g s", limit, limit * a->step_seconds);
     }
-    tell(&c->options->listener, "pace", "%.3g s an iteration with %d terms and %d clusters%s",
-         a->step_seconds, a->problem.terms, a->problem.clusters, all);
+    tell(&c->options->listener, "pace", "%.3g s an iteration with %d terms%s%s", a->step_seconds,
+         a->problem.terms, clusters, all);
     if (c->probe_seconds > 0) {
         tell(&c->options->listener, "pace", "%.2g s to look at the error of %zu points%s",
              c->probe_seconds, c->probe.count,

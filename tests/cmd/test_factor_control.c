@@ -89,6 +89,28 @@ static void an_error_out_of_reach_is_a_failure_that_leaves_the_best(void)
     spawned_finish(&run);
 }
 
+/* What belongs to the paper's model alone chooses it; else each term has a kernel. */
+static void options_of_clusters_choose_the_model_of_clusters(void)
+{
+    static const char *const options[][2] = {{"-k", "2"},
+                                             {"--method", "hals"},
+                                             {"--kernel", "max"},
+                                             {"-t", "2"},
+                                             {"--weight", "kernel"}};
+    for (size_t i = 0; i < sizeof options / sizeof *options; i++) {
+        struct spawned run = RUN(NULL, options[i][0], options[i][1], "-i", "2", "--json");
+        expect_status(&run, 0);
+        json_t *object = parse(&run);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(i<3, number(object, "clusters")> 0, options[i][0]);
+        json_decref(object);
+        spawned_finish(&run);
+    }
+    struct spawned run = RUN(NULL, "--model", "terms", "-k", "2");
+    expect_status(&run, 1);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run.errors, "--clusters belongs to"), run.errors);
+    spawned_finish(&run);
+}
+
 static void too_little_time_leaves_no_file_and_says_what_is_needed(void)
 {
     struct spawned run = RUN(NULL, "--within", "10ms");
@@ -134,7 +156,7 @@ static void an_explanation_comes_before_the_result(void)
     static const char *const keys[] = {"device", "responses", "terms",          "clusters",
                                        "stops",  "method",    "tile",           "device memory",
                                        "pace",   "tried",     "normal matrices"};
-    struct spawned run = RUN(NULL, "--explain", "-t", "3");
+    struct spawned run = RUN(NULL, "--explain", "-t", "3", "--model", "clusters");
     expect_status(&run, 0);
     const char *result = strstr(run.output, "\nrelative error");
     TEST_ASSERT_NOT_NULL(result);
@@ -149,7 +171,9 @@ static void an_explanation_comes_before_the_result(void)
     expect_status(&run, 0);
     json_t *object = parse(&run);
     json_t *first = json_array_get(json_object_get(object, "explained"), 0);
-    TEST_ASSERT_EQUAL_STRING("device", json_string_value(json_object_get(first, "what")));
+    TEST_ASSERT_EQUAL_STRING("model", json_string_value(json_object_get(first, "what")));
+    TEST_ASSERT_NOT_NULL(
+        strstr(json_string_value(json_object_get(first, "why")), "a kernel for each term"));
     json_decref(object);
     spawned_finish(&run);
     run = RUN(NULL, "--json", "-t", "3");
@@ -161,12 +185,11 @@ static void an_explanation_comes_before_the_result(void)
 
 /* Stopped as soon as there is a checkpoint, then run again: the same bytes as without the stop, and no checkpoint is
  * left. */
-static void check_continues(const char *method, const char *const *options)
+static void check_continues(const char *kind, const char *value, const char *const *options)
 {
-    const char *arguments[24] = {
-        nacre,      "factor", scan,           "-o",       material,
-        "--method", method,   "--checkpoint", checkpoint, "--checkpoint-every",
-        "0"};
+    const char *arguments[24] = {nacre, "factor", scan,           "-o",       material,
+                                 kind,  value,    "--checkpoint", checkpoint, "--checkpoint-every",
+                                 "0"};
     const struct circumstances soon = {.interrupt_path = checkpoint};
     size_t sizes[2] = {0};
     for (int i = 0; options[i]; i++) {
@@ -197,11 +220,16 @@ static void a_stopped_factorization_continues_to_the_same_file(void)
 {
     static const char *const steps[] = {"-t",  "3",           "-k", "2", "-i",
                                         "600", "--tolerance", "0",  NULL};
+    static const char *const shaped[] = {"-t", "3", "-i", "200", "--tolerance", "0", NULL};
     static const char *const search[] = {"--error", "0.3%", NULL};
+    /* Channels of the formula differ in more than scale, and share their planes. */
+    static const char *const shared[] = {"--error", "0.6%", NULL};
     TEST_ASSERT_EQUAL_INT(0, setenv("SOURCE_DATE_EPOCH", "1", 1));
-    check_continues("hals", steps);
-    check_continues("mu", steps);
-    check_continues("hals", search);
+    check_continues("--method", "hals", steps);
+    check_continues("--method", "mu", steps);
+    check_continues("--method", "hals", search);
+    check_continues("--model", "terms", shaped);
+    check_continues("--model", "terms", shared);
     TEST_ASSERT_EQUAL_INT(0, unsetenv("SOURCE_DATE_EPOCH"));
 }
 
@@ -339,6 +367,7 @@ int main(int argc, char **argv)
     UNITY_BEGIN();
     RUN_TEST(an_error_is_held_by_what_is_in_the_file);
     RUN_TEST(an_error_out_of_reach_is_a_failure_that_leaves_the_best);
+    RUN_TEST(options_of_clusters_choose_the_model_of_clusters);
     RUN_TEST(too_little_time_leaves_no_file_and_says_what_is_needed);
     RUN_TEST(time_to_spare_ends_early);
     RUN_TEST(wishes_that_make_no_sense_are_refused);

@@ -124,8 +124,8 @@ static void the_same_seed_gives_the_same_factors(void)
     struct nacre_error error = {""};
     for (int i = 0; i < 3; i++) {
         char *path = path_join(folder, "seeded.exr");
-        free(RUN("factor", scan, "-o", path, "--terms", "2", "--iterations", "5", "--json",
-                 "--seed", seeds[i]));
+        free(RUN("factor", scan, "-o", path, "--terms", "2", "--clusters", "5", "--iterations", "5",
+                 "--json", "--seed", seeds[i]));
         TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, nacre_material_read(path, &read[i], &error),
                                       error.text);
         free(path);
