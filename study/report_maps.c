@@ -188,9 +188,9 @@ static void write_histogram(const struct report *report, double end)
     struct plot plot = {.title = "How many points have which error",
                         .x_label = "relative error, %",
                         .y_label = "surface points",
-                        .width = 520,
+                        .width = 420,
                         .height = 190};
-    (void)fputs("<figure style=\"margin-top:1.1rem\">\n", report->page);
+    (void)fputs("<figure style=\"margin-top:1.1rem;max-width:34rem\">\n", report->page);
     plot_histogram(report->page, &plot, counts, BINS, 100 * end, "#1a5e8c");
     if (beyond > 0) {
         (void)fprintf(report->page,

@@ -25,19 +25,23 @@ static void write_history(FILE *page, const char *title, const char *x_label, co
     (void)fputs("</figure>\n", page);
 }
 
-/* The error of a few points, at the iterations after which it was looked at. */
-static void write_error_history(FILE *page, const struct nacre_material *m, double *x, double *y)
+/* The error of a few points, when it was looked at: values[3][history_count] are overwritten. */
+static void write_error_history(FILE *page, const struct nacre_material *m, double *values)
 {
+    double *iterations = values, *seconds = values + m->history_count;
+    double *errors = values + 2 * m->history_count;
     size_t count = 0;
     for (size_t i = 0; m->history_error && i < m->history_count; i++) {
         if (!isnan(m->history_error[i])) {
-            x[count] = (double)i + 1;
-            y[count++] = 100 * (double)m->history_error[i];
+            iterations[count] = (double)i + 1;
+            seconds[count] = (double)m->history_seconds[i];
+            errors[count++] = 100 * (double)m->history_error[i];
         }
     }
     if (count > 0) {
-        write_history(page, "Relative error of a few points", "iterations", "mean error, %", x, y,
-                      count);
+        write_history(page, "Error over iterations", "iterations", "mean error, %", iterations,
+                      errors, count);
+        write_history(page, "Error over time", "seconds", "mean error, %", seconds, errors, count);
     }
 }
 
@@ -62,12 +66,13 @@ int report_write_convergence(struct report *report, struct nacre_error *error)
         objective[i] = (double)m->history_objective[i];
     }
     (void)fputs("<p>The objective, the weighted error that the updates bring down, after each "
-                "iteration.</p>\n<div class=\"two\">\n",
+                "iteration, and the mean relative error of up to 256 points where it was looked at."
+                "</p>\n<div class=\"two\">\n",
                 page);
     write_history(page, "Objective over iterations", "iterations", "objective", iterations,
                   objective, count);
     write_history(page, "Objective over time", "seconds", "objective", seconds, objective, count);
-    write_error_history(page, m, seconds, objective); /* which are drawn already */
+    write_error_history(page, m, values); /* which are drawn already */
     (void)fputs("</div>\n", page);
     free(values);
     return NACRE_OK;

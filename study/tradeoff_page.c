@@ -177,6 +177,60 @@ static void write_legend(FILE *page, const struct tradeoff *t)
     (void)fputs("</div>\n", page);
 }
 
+/* The cheapest point whose error is at most `goal`; -1 where there is none. */
+static int find_cheapest(const struct tradeoff *t, enum tradeoff_cost cost, double goal)
+{
+    int best = -1;
+    for (int i = 0; i < t->point_count; i++) {
+        const struct tradeoff_point *p = &t->points[i];
+        bool is_on = cost == TRADEOFF_SECONDS ? p->quickest : p->smallest;
+        if (is_on && p->error <= goal &&
+            (best < 0 || tradeoff_cost_of(p, cost) < tradeoff_cost_of(&t->points[best], cost))) {
+            best = i;
+        }
+    }
+    return best;
+}
+
+/* What each step of exactness takes at least. */
+static void write_goals(FILE *page, const struct tradeoff *t, const struct rows *rows)
+{
+    static const double goals[] = {0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0005, 0.0002};
+    (void)fputs("<h2>What to choose</h2>\n<p>For an error of at most so much: the quickest command "
+                "and the smallest material, by their numbers in the next table.</p>\n"
+                "<div class=\"scroll\"><table>\n<tr><th>Mean error at most</th><th>Seconds</th>"
+                "<th>No.</th><th>Size</th><th>No.</th></tr>\n",
+                page);
+    for (size_t i = 0; i < sizeof goals / sizeof *goals; i++) {
+        int quick = find_cheapest(t, TRADEOFF_SECONDS, goals[i]);
+        int small = find_cheapest(t, TRADEOFF_BYTES, goals[i]);
+        if (quick >= 0 && small >= 0) {
+            (void)fprintf(page,
+                          "<tr><td>%g %%</td><td>%.3g</td><td>%d</td><td>%.4g KiB</td><td>%d</td>"
+                          "</tr>\n",
+                          100 * goals[i], t->points[quick].seconds, rows->number[quick],
+                          t->points[small].bytes / 1024, rows->number[small]);
+        }
+    }
+    (void)fputs("</table></div>\n", page);
+}
+
+/* What smaller windows would leave out. */
+static void write_windows(FILE *page, const struct tradeoff *t)
+{
+    if (t->window_count < 2) {
+        return;
+    }
+    (void)fputs("<p>A smaller window leaves out", page);
+    for (int i = 1; i < t->window_count; i++) {
+        (void)fprintf(page, "%s %.2g %% of a response with %d × %d", i == 1 ? "" : ",",
+                      100 * t->windows[i].left_out, t->windows[i].window, t->windows[i].window);
+    }
+    (void)fputs(", on average. It is tried where that is at most half of the error, which it "
+                "counts to.</p>\n",
+                page);
+}
+
 static int write_row(FILE *page, const struct tradeoff *t, const struct tradeoff_request *request,
                      int number, const struct tradeoff_point *p, struct nacre_error *error)
 {
@@ -333,6 +387,8 @@ int tradeoff_write_page(FILE *page, const struct tradeoff *t,
     }
     (void)fputs("</div>\n", page);
     write_legend(page, t);
+    write_windows(page, t);
+    write_goals(page, t, rows);
     if (status == NACRE_OK) {
         status = write_table(page, t, request, rows, error);
     }

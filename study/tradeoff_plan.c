@@ -247,11 +247,11 @@ static void list_neighbours(const struct tradeoff *t, int index,
     }
 }
 
-static double least_error(const struct tradeoff *t)
+static double least_error(const struct tradeoff *t, enum factor_model model)
 {
     double least = INFINITY;
     for (int i = 0; i < t->run_count; i++) {
-        least = fmin(least, t->runs[i].best_error);
+        least = t->runs[i].setting.model == model ? fmin(least, t->runs[i].best_error) : least;
     }
     return least;
 }
@@ -259,15 +259,15 @@ static double least_error(const struct tradeoff *t)
 static bool find_neighbour(const struct tradeoff *t, double seconds, struct tradeoff_setting *next,
                            double *predicted)
 {
-    double best = INFINITY, least = least_error(t);
+    double best = INFINITY;
     for (int i = 0; i < t->run_count; i++) {
         struct tradeoff_setting list[NEIGHBOURS];
         if (!is_on_front(t, i)) {
             continue;
         }
         list_neighbours(t, i, list);
-        /* Who is far from the best is on the front for being quick: it matters less. */
-        double interest = least / t->runs[i].best_error;
+        /* Who is far from the best of the model is on the front for being quick: it matters less. */
+        double interest = least_error(t, t->runs[i].setting.model) / t->runs[i].best_error;
         for (int j = 0; j < NEIGHBOURS; j++) {
             double needed = predict(t, &list[j]);
             double price = needed / (promise[j] * interest * interest);

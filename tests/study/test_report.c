@@ -265,7 +265,7 @@ static void error_is_plotted_beside_the_objective(void)
     nacre_material_finish(&m);
     char *page = load_report("s.exr", "m.exr");
     expect_sound(page);
-    const char *plot = strstr(page, "Relative error of a few points");
+    const char *plot = strstr(page, "Error over iterations");
     TEST_ASSERT_NOT_NULL(plot);
     expect_contains(plot, "d=\"M52.0 26.0L408.0 220.0\"");
     free(page);
