@@ -96,7 +96,8 @@ static void count(const struct light_samples *samples, const struct gather_count
     counts->gather.samples += gather->samples;
     counts->gather.points += gather->points;
     counts->gather.squares += gather->squares;
-    counts->gather.bound = fmax(counts->gather.bound, gather->bound);
+    counts->gather.posts += gather->posts;
+    counts->gather.estimate = fmax(counts->gather.estimate, gather->estimate);
 }
 
 int bake_object(const struct lit_surface *surface, const struct appearance *appearance,
@@ -118,8 +119,7 @@ int bake_object(const struct lit_surface *surface, const struct appearance *appe
     counts->light_seconds += seconds_since(start);
     start = now_ns();
     if (status == NACRE_OK && RENDER_EFFECTS_BUILT(RENDER_SUBSURFACE) && effects->subsurface) {
-        struct gather gather = {mesh,      mapping, appearance, &samples, effects->same_side,
-                                tolerance, NULL};
+        struct gather gather = {mesh, mapping, appearance, &samples, effects->same_side, tolerance};
         struct progress progress = progress_begin("gathering", settings->quiet);
         status = gather_run(&gather, opencl, &progress, radiosity, &gathered, error);
         progress_end(&progress);

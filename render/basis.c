@@ -93,8 +93,8 @@ static void weigh(const struct appearance *appearance, size_t c, double *weights
 /* Kernels of cluster a, those of all columns behind each other, are kernel[a * entries ..], four floats an entry. */
 struct svd {
     size_t clusters, entries, side_square;
-    double *squares;                          /* of the offset, [side_square] */
-    double *gram, *vectors, *weights;         /* of one colour */
+    double *squares;                     /* of the offset, [side_square] */
+    double *gram, *vectors, *weights;    /* of one colour */
     double values[3][PARTS_MAXIMUM + 1]; /* energy left after so many parts */
     double *all_vectors[3], *all_weights[3];
     size_t *order[3];

@@ -18,7 +18,8 @@ struct basis {
     float *table; /* [columns][side][side][parts][4], side = K + 2 as in appearance.h */
     float *share; /* U: [clusters][parts][4]; NULL in layout term */
     int steps;
-    double *bend; /* by distance in surface points: the kernels' second differences there over the kernels' sum */
+    double *
+        bend; /* by distance in surface points: the kernels' second differences there over the kernels' sum */
 };
 
 /* Work it out; the appearance's factors, kernels and clusters are made. */

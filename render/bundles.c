@@ -1,7 +1,11 @@
-/* Halving sets of points until each is a run. */
+/* Halving sets of points until each is a run; or sorting them along a curve. */
 #include "render/bundles.h"
 
 #include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { CURVE_BITS = 12, DIGIT = 1 << CURVE_BITS };
 
 struct points {
     const float *positions;
@@ -76,6 +80,84 @@ double bundles_gap(const struct bundle_box *a, const struct bundle_box *b)
         square += away * away;
     }
     return sqrt(square);
+}
+
+double bundles_span(const struct bundle_box *a, const struct bundle_box *b)
+{
+    double square = 0;
+    for (int k = 0; k < 3; k++) {
+        double away =
+            fmax((double)a->high[k] - (double)b->low[k], (double)b->high[k] - (double)a->low[k]);
+        square += away * away;
+    }
+    return sqrt(square);
+}
+
+struct on_curve {
+    uint64_t key;
+    uint32_t index;
+};
+
+/* Two zeros between the bits. */
+static uint64_t spread(uint64_t v)
+{
+    v = (v | v << 16) & UINT64_C(0x0000ff0000ff);
+    v = (v | v << 8) & UINT64_C(0x00f00f00f00f);
+    v = (v | v << 4) & UINT64_C(0x0c30c30c30c3);
+    return (v | v << 2) & UINT64_C(0x249249249249);
+}
+
+static void place_on_curve(const float *positions, size_t stride, const uint32_t *order,
+                           size_t count, struct on_curve *out)
+{
+    struct bundle_box box = bundles_box(positions, stride, order, count);
+    float extent = 0;
+    for (int k = 0; k < 3; k++) {
+        extent = fmaxf(extent, box.high[k] - box.low[k]);
+    }
+    float scale = extent > 0 ? (float)(DIGIT - 1) / extent : 0;
+    for (size_t i = 0; i < count; i++) {
+        const float *p = positions + (size_t)order[i] * stride;
+        out[i].key = 0;
+        for (int k = 0; k < 3; k++) {
+            out[i].key |= spread((uint64_t)((p[k] - box.low[k]) * scale)) << k;
+        }
+        out[i].index = order[i];
+    }
+}
+
+int bundles_order(const float *positions, size_t stride, uint32_t *order, size_t count)
+{
+    struct on_curve *list = malloc((2 * count + 1) * sizeof *list), *from = list,
+                    *to = list + count;
+    uint32_t *starts = malloc((DIGIT + 1) * sizeof *starts);
+    if (!list || !starts) {
+        free(list);
+        free(starts);
+        return -1;
+    }
+    place_on_curve(positions, stride, order, count, from);
+    for (int shift = 0; shift < 3 * CURVE_BITS; shift += CURVE_BITS) {
+        memset(starts, 0, (DIGIT + 1) * sizeof *starts);
+        for (size_t i = 0; i < count; i++) {
+            starts[(from[i].key >> shift & (DIGIT - 1)) + 1]++;
+        }
+        for (size_t i = 0; i < DIGIT; i++) {
+            starts[i + 1] += starts[i];
+        }
+        for (size_t i = 0; i < count; i++) {
+            to[starts[from[i].key >> shift & (DIGIT - 1)]++] = from[i];
+        }
+        struct on_curve *swapped = from;
+        from = to;
+        to = swapped;
+    }
+    for (size_t i = 0; i < count; i++) {
+        order[i] = from[i].index;
+    }
+    free(list);
+    free(starts);
+    return 0;
 }
 
 void bundles_sort(const float *positions, size_t stride, uint32_t *order, size_t count, size_t run)

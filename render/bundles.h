@@ -13,11 +13,18 @@ struct bundle_box {
  * across the longest side. positions[index * stride] begins a point. */
 void bundles_sort(const float *positions, size_t stride, uint32_t *order, size_t count, size_t run);
 
+/* Reorder indices along a curve that fills space: faster than bundles_sort, and not quite as compact. Returns 0, or -1
+ * when memory ran out. */
+int bundles_order(const float *positions, size_t stride, uint32_t *order, size_t count);
+
 /* The box of some of the points. */
 struct bundle_box bundles_box(const float *positions, size_t stride, const uint32_t *order,
                               size_t count);
 
 /* The distance between two boxes; 0 where they meet. */
 double bundles_gap(const struct bundle_box *a, const struct bundle_box *b);
+
+/* No point of one box is farther from one of the other. */
+double bundles_span(const struct bundle_box *a, const struct bundle_box *b);
 
 #endif

@@ -2,11 +2,11 @@
 #include "render/gather.h"
 
 #include "base/clock.h"
-#include "render/cells.h"
+#include "render/levels.h"
+#include "render/posts.h"
 #include "render/reach.h"
-#include "render/receivers.h"
+#include "render/sources.h"
 
-#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -18,50 +18,57 @@ enum {
     LANES = REACH_LANES,
     FIELDS = 16,
     ALIGNMENT = 64,
-};
-
-/* In the order of the kernel's arguments, after `first`. */
-enum buffer {
-    BUFFER_BUNDLES,
-    BUFFER_H,
-    BUFFER_POINT_STARTS,
-    BUFFER_POINT_LIST,
-    BUFFER_SQUARE_STARTS,
-    BUFFER_SQUARE_LIST,
-    BUFFER_POINTS,
-    BUFFER_SQUARES,
-    BUFFER_MOMENTS,
-    BUFFER_FACTORS,
-    BUFFER_KERNELS,
-    BUFFER_BASIS,
-    BUFFER_IDS,
-    BUFFER_WEIGHTS,
-    BUFFER_OUT,
-    BUFFER_COUNT,
+    PIECES_MAXIMUM = 80,
 };
 
 /* As gather.cl reads them. */
 struct device_bundle {
     float fields[FIELDS][LANES];
-    int32_t chart[LANES], column[LANES];
+    int32_t chart[LANES], column[LANES], index[LANES];
 };
 
-struct device_point {
-    float position[3], x, y, flux[3], normal[3];
-    int32_t chart;
-    uint32_t texel, unused[3];
+struct device_ring {
+    float inner_square, outer_square; /* mm^2 */
+    int32_t side, level;
+};
+
+/* A lattice of posts, or the vertices. */
+struct stage {
+    const struct receiver *receivers;
+    size_t count;
+    struct reach_bundles bundles;
+    struct posts posts; /* of the next coarser lattice, where there is one */
+};
+
+/* Device memory, and host memory that it may stand on. */
+struct piece {
+    cl_mem memory;
+    void *owned;
 };
 
 struct run {
     const struct gather *gather;
     const struct opencl *opencl;
     struct receivers receivers;
-    struct cells cells;
-    struct reach reach;
-    void *owned[BUFFER_COUNT]; /* what the device reads where it can read the host's memory */
+    struct levels levels;
+    struct sources sources;
+    struct stage stages[LEVELS_MAXIMUM + 1]; /* vertices, then posts from fine to coarse */
+    cl_mem sums[LEVELS_MAXIMUM + 1];         /* of the posts of each stage */
     cl_program program;
+    cl_kernel gather_kernel, squares_kernel;
+    struct piece pieces[PIECES_MAXIMUM];
+    size_t piece_count;
+    struct reach reaches[LEVELS_MAXIMUM + 2]; /* samples, points, squares */
+    double looked_at;                         /* bundles launched */
+};
+
+/* A kernel's arguments as they are set one after the other. */
+struct arguments {
+    struct run *run;
     cl_kernel kernel;
-    cl_mem buffers[BUFFER_COUNT];
+    cl_uint count;
+    int status;
+    struct nacre_error *error;
 };
 
 static int build(struct run *run, struct nacre_error *error)
@@ -71,46 +78,82 @@ static int build(struct run *run, struct nacre_error *error)
     char options[512];
     cl_int status;
     (void)snprintf(options, sizeof options,
-                   "-w -DTERMS4=%d -DWINDOW=%d -DMIXED=%d -DCLUSTERS=%d -DPER_TERM=%d -DVECTORS=%d "
+                   "-w -DTERMS4=%d -DWINDOW=%d -DMIXED=%d -DCLUSTERS=%d -DPER_TERM=%d -DPARTS=%d "
                    "-DWIDTH=%d -DHEIGHT=%d -DMIRROR=%d -DSAME_SIDE=%d -DPOINT_MM=%.9ef",
                    appearance->terms / 4, appearance->window, appearance->mixed,
                    appearance->layout == NACRE_KERNEL_PAIR ? appearance->clusters : 0,
-                   appearance->layout == NACRE_KERNEL_PER_TERM, appearance->basis.vectors,
+                   appearance->layout == NACRE_KERNEL_PER_TERM, appearance->basis.parts,
                    appearance->width, appearance->height, mapping->mirror, run->gather->same_side,
                    mapping->point_mm);
     if (opencl_build(run->opencl, &gather_cl, options, &run->program, error) != NACRE_OK) {
         return NACRE_FAILED;
     }
-    run->kernel = clCreateKernel(run->program, "gather", &status);
+    run->gather_kernel = clCreateKernel(run->program, "gather", &status);
+    if (status == CL_SUCCESS) {
+        run->squares_kernel = clCreateKernel(run->program, "gather_squares", &status);
+    }
     return opencl_check(run->opencl, status, "cannot make the kernel gather", error);
 }
 
-/* A buffer over the host's memory, which must stay until the run is finished; or of the size alone. */
-static int share(struct run *run, enum buffer buffer, const void *bytes, size_t size,
-                 struct nacre_error *error)
+/* Memory of the device over the host's, which must stay until the run is finished; or of the size alone. `owned`, which
+ * may be NULL, is freed then. */
+static cl_mem share(struct run *run, const void *bytes, size_t size, void *owned,
+                    struct nacre_error *error)
 {
-    cl_int status;
-    cl_mem_flags flags =
-        bytes && size > 0 ? CL_MEM_READ_ONLY | CL_MEM_USE_HOST_PTR : CL_MEM_READ_WRITE;
-    /* Some implementations refuse buffers of no size. */
-    run->buffers[buffer] =
-        clCreateBuffer(run->opencl->context, flags, size > 0 ? size : ALIGNMENT,
-                       bytes && size > 0 ? (void *)(uintptr_t)bytes : NULL, &status);
-    if (status == CL_SUCCESS) {
-        status =
-            clSetKernelArg(run->kernel, (cl_uint)buffer + 1, sizeof(cl_mem), &run->buffers[buffer]);
+    cl_int status = CL_OUT_OF_RESOURCES;
+    bool stands = bytes && size > 0;
+    cl_mem_flags flags = stands ? CL_MEM_READ_ONLY | CL_MEM_USE_HOST_PTR : CL_MEM_READ_WRITE;
+    struct piece *piece = NULL;
+    if (run->piece_count < PIECES_MAXIMUM) {
+        piece = &run->pieces[run->piece_count++];
+        *piece = (struct piece){.owned = owned};
+        /* Some implementations refuse buffers of no size. */
+        piece->memory = clCreateBuffer(run->opencl->context, flags, size > 0 ? size : ALIGNMENT,
+                                       stands ? (void *)(uintptr_t)bytes : NULL, &status);
+    } else {
+        free(owned);
     }
-    return opencl_check(run->opencl, status, "cannot copy the light samples", error);
+    (void)opencl_check(run->opencl, status, "cannot copy the light samples", error);
+    return status == CL_SUCCESS ? piece->memory : NULL;
 }
 
-/* Memory for a buffer; float16s must be aligned. */
-static void *own(struct run *run, enum buffer buffer, size_t size, struct nacre_error *error)
+static void set(struct arguments *arguments, const void *value, size_t size)
 {
-    run->owned[buffer] = aligned_alloc(ALIGNMENT, (size / ALIGNMENT + 1) * ALIGNMENT);
-    if (!run->owned[buffer]) {
+    if (arguments->status == NACRE_OK) {
+        cl_int status = clSetKernelArg(arguments->kernel, arguments->count, size, value);
+        arguments->status =
+            opencl_check(arguments->run->opencl, status, "cannot gather light", arguments->error);
+    }
+    arguments->count++;
+}
+
+static void set_memory(struct arguments *arguments, cl_mem memory)
+{
+    if (!memory && arguments->status == NACRE_OK) {
+        arguments->status = NACRE_FAILED; /* share has said why */
+    }
+    set(arguments, &memory, sizeof memory);
+}
+
+static void set_shared(struct arguments *arguments, const void *bytes, size_t size)
+{
+    set_memory(arguments, share(arguments->run, bytes, size, NULL, arguments->error));
+}
+
+static void set_number(struct arguments *arguments, size_t number)
+{
+    cl_uint value = (cl_uint)number;
+    set(arguments, &value, sizeof value);
+}
+
+/* Memory for what the device reads as float16s. */
+static void *allocate(size_t size, struct nacre_error *error)
+{
+    void *memory = aligned_alloc(ALIGNMENT, (size / ALIGNMENT + 1) * ALIGNMENT);
+    if (!memory) {
         (void)nacre_fail_memory(error, "the light samples");
     }
-    return run->owned[buffer];
+    return memory;
 }
 
 /* from[planes][terms] to to[terms][4], planes being 1 or 3 */
@@ -124,232 +167,328 @@ static void by_terms(const float *from, size_t planes, size_t terms, float *to)
     }
 }
 
-static void fill_bundle(const struct run *run, const struct reach_bundle *bundle,
-                        struct device_bundle *out, float *h)
+static void fill_lane(const struct receiver *r, uint32_t index, size_t j, struct device_bundle *out)
 {
-    size_t terms = (size_t)run->gather->appearance->terms;
-    size_t planes = (size_t)run->gather->appearance->factor_channels;
-    for (size_t j = 0; j < LANES; j++) {
-        /* Filled up with its own last receiver. */
-        size_t place = bundle->begin + j < bundle->end ? bundle->begin + j : bundle->end - 1;
-        uint32_t i = run->reach.order[place];
-        const struct receiver *r = &run->receivers.list[i];
-        for (size_t k = 0; k < 3; k++) {
-            out->fields[k][j] = r->position[k];
-            out->fields[3 + k][j] = r->along_x[k];
-            out->fields[6 + k][j] = r->along_y[k];
-            out->fields[9 + k][j] = r->normal[k];
-        }
-        out->fields[12][j] = r->along_x[3];
-        out->fields[13][j] = r->along_y[3];
-        out->fields[14][j] = (float)r->flip_x;
-        out->fields[15][j] = (float)r->flip_y;
-        out->chart[j] = r->chart;
-        out->column[j] = r->column;
-        by_terms(run->receivers.h + i * terms * planes, planes, terms, h + j * terms * 4);
+    for (size_t k = 0; k < 3; k++) {
+        out->fields[k][j] = r->position[k];
+        out->fields[3 + k][j] = r->along_x[k];
+        out->fields[6 + k][j] = r->along_y[k];
+        out->fields[9 + k][j] = r->normal[k];
     }
+    out->fields[12][j] = r->along_x[3];
+    out->fields[13][j] = r->along_y[3];
+    out->fields[14][j] = (float)r->flip_x;
+    out->fields[15][j] = (float)r->flip_y;
+    out->chart[j] = r->chart;
+    out->column[j] = r->column;
+    out->index[j] = (int32_t)index;
 }
 
-static int share_receivers(struct run *run, struct nacre_error *error)
+static void set_bundles(struct arguments *arguments, const struct stage *stage)
 {
-    const struct reach *reach = &run->reach;
-    size_t count = reach->bundle_count, h_size = LANES * (size_t)run->gather->appearance->terms * 4;
-    struct device_bundle *list = own(run, BUFFER_BUNDLES, count * sizeof *list, error);
-    float *h = own(run, BUFFER_H, count * h_size * sizeof *h, error);
-    if (!list || !h) {
-        return NACRE_FAILED;
+    size_t count = stage->bundles.count;
+    struct device_bundle *list = allocate(count * sizeof *list, arguments->error);
+    if (!list) {
+        arguments->status = NACRE_FAILED;
+        return;
+    }
+#pragma omp parallel for
+    for (size_t i = 0; i < count * LANES; i++) {
+        uint32_t index = stage->bundles.order[i];
+        fill_lane(&stage->receivers[index], index, i % LANES, &list[i / LANES]);
+    }
+    set_memory(arguments,
+               share(arguments->run, list, count * sizeof *list, list, arguments->error));
+}
+
+static void set_h(struct arguments *arguments)
+{
+    const struct run *run = arguments->run;
+    const struct reach_bundles *bundles = &run->stages[0].bundles;
+    size_t terms = (size_t)run->gather->appearance->terms;
+    size_t planes = (size_t)run->gather->appearance->factor_channels;
+    size_t count = bundles->count * LANES;
+    float *h = allocate(count * terms * 4 * sizeof *h, arguments->error);
+    if (!h) {
+        arguments->status = NACRE_FAILED;
+        return;
     }
 #pragma omp parallel for
     for (size_t i = 0; i < count; i++) {
-        fill_bundle(run, &reach->bundles[i], &list[i], h + i * h_size);
+        by_terms(run->receivers.h + bundles->order[i] * terms * planes, planes, terms,
+                 h + i * terms * 4);
     }
-    size_t points = reach->point_starts[count], squares = reach->square_starts[count];
-    size_t starts = (count + 1) * sizeof *reach->point_starts;
-    if (share(run, BUFFER_BUNDLES, list, count * sizeof *list, error) == NACRE_OK &&
-        share(run, BUFFER_H, h, count * h_size * sizeof *h, error) == NACRE_OK &&
-        share(run, BUFFER_POINT_STARTS, reach->point_starts, starts, error) == NACRE_OK &&
-        share(run, BUFFER_POINT_LIST, reach->points, points * sizeof *reach->points, error) ==
-            NACRE_OK &&
-        share(run, BUFFER_SQUARE_STARTS, reach->square_starts, starts, error) == NACRE_OK &&
-        share(run, BUFFER_SQUARE_LIST, reach->squares, squares * sizeof *reach->squares, error) ==
-            NACRE_OK) {
-        return share(run, BUFFER_OUT, NULL, count * LANES * 4 * sizeof(float), error);
-    }
-    return NACRE_FAILED;
+    set_memory(arguments,
+               share(arguments->run, h, count * terms * 4 * sizeof *h, h, arguments->error));
 }
 
-static int share_cells(struct run *run, struct nacre_error *error)
+static void set_factors(struct arguments *arguments)
 {
-    const struct cells *cells = &run->cells;
-    struct device_point *points =
-        own(run, BUFFER_POINTS, cells->point_count * sizeof *points, error);
-    float(*squares)[4] = own(run, BUFFER_SQUARES, cells->moment_count * sizeof *squares, error);
-    if (!points || !squares) {
-        return NACRE_FAILED;
-    }
-    for (size_t i = 0; i < cells->point_count; i++) {
-        const struct light_sample *from = &cells->points[i];
-        points[i] = (struct device_point){
-            .x = from->x, .y = from->y, .chart = from->chart, .texel = from->texel};
-        memcpy(points[i].position, from->position, sizeof from->position);
-        memcpy(points[i].flux, from->flux, sizeof from->flux);
-        memcpy(points[i].normal, from->normal, sizeof from->normal);
-    }
-    for (size_t i = 0; i < cells->node_count; i++) {
-        const struct cell_node *node = &cells->nodes[i];
-        if (node->level > 0) {
-            memcpy(squares[node->source], node->position, sizeof node->position);
-            squares[node->source][3] = 0;
-        }
-    }
-    size_t moments = cells->moment_count * cells->moment_size * sizeof *cells->moments;
-    if (share(run, BUFFER_POINTS, points, cells->point_count * sizeof *points, error) == NACRE_OK &&
-        share(run, BUFFER_SQUARES, squares, cells->moment_count * sizeof *squares, error) ==
-            NACRE_OK) {
-        return share(run, BUFFER_MOMENTS, cells->moments, moments, error);
-    }
-    return NACRE_FAILED;
-}
-
-static int share_material(struct run *run, struct nacre_error *error)
-{
-    const struct appearance *a = run->gather->appearance;
-    size_t texels = (size_t)a->width * (size_t)a->height, side = (size_t)a->window + 2;
-    size_t terms = (size_t)a->terms, planes = (size_t)a->factor_channels;
-    size_t mixed = texels * (size_t)a->mixed;
-    size_t kernels = (size_t)(a->layout == NACRE_KERNEL_PER_TERM ? a->terms : a->kernel_count);
-    size_t basis = (size_t)a->basis.columns * side * side * 16 * (size_t)a->basis.vectors;
-    float *factors = own(run, BUFFER_FACTORS, texels * terms * 4 * sizeof *factors, error);
+    const struct appearance *a = arguments->run->gather->appearance;
+    size_t texels = (size_t)a->width * (size_t)a->height, terms = (size_t)a->terms;
+    size_t planes = (size_t)a->factor_channels, mixed = texels * (size_t)a->mixed;
+    float *factors = allocate(texels * terms * 4 * sizeof *factors, arguments->error);
     if (!factors) {
-        return NACRE_FAILED;
+        arguments->status = NACRE_FAILED;
+        return;
     }
 #pragma omp parallel for
     for (size_t i = 0; i < texels; i++) {
         by_terms(a->f + i * terms * planes, planes, terms, factors + i * terms * 4);
     }
-    if (share(run, BUFFER_FACTORS, factors, texels * terms * 4 * sizeof *factors, error) ==
-            NACRE_OK &&
-        share(run, BUFFER_KERNELS, a->kernels, kernels * side * side * 4 * sizeof *a->kernels,
-              error) == NACRE_OK &&
-        share(run, BUFFER_BASIS, a->basis.table, basis * sizeof *a->basis.table, error) ==
-            NACRE_OK &&
-        share(run, BUFFER_IDS, a->ids, mixed * sizeof *a->ids, error) == NACRE_OK) {
-        return share(run, BUFFER_WEIGHTS, a->weights, mixed * sizeof *a->weights, error);
-    }
-    return NACRE_FAILED;
+    size_t size = texels * terms * 4 * sizeof *factors;
+    set_memory(arguments, share(arguments->run, factors, size, factors, arguments->error));
+    set_shared(arguments, a->ids, mixed * sizeof *a->ids);
+    set_shared(arguments, a->weights, mixed * sizeof *a->weights);
 }
 
-static int launch(struct run *run, struct progress *progress, struct nacre_error *error)
+/* The runs of sources in the reach of a stage, and the sources. */
+static void set_runs(struct arguments *arguments, const struct stage *stage,
+                     const struct source_set *sources, const struct level *level,
+                     struct reach *reach)
 {
-    size_t count = run->reach.bundle_count, one = 1;
-    for (size_t first = 0; first < count; first += BUNDLES_A_LAUNCH) {
+    double point = arguments->run->gather->mapping->point_mm;
+    double corner = (arguments->run->gather->appearance->window / 2 + 1) * 1.4142136 * point;
+    double outer = level->outer * point < corner ? level->outer * point : corner;
+    if (arguments->status == NACRE_OK) {
+        arguments->status = reach_make(reach, &stage->bundles, sources, level->inner * point, outer,
+                                       arguments->error);
+    }
+    if (arguments->status != NACRE_OK) {
+        return;
+    }
+    size_t count = stage->bundles.count;
+    set_shared(arguments, reach->starts, (count + 1) * sizeof *reach->starts);
+    set_shared(arguments, reach->runs, reach->starts[count] * sizeof *reach->runs);
+    set_shared(arguments, sources->list, sources->count * sizeof *sources->list);
+    set_number(arguments, sources->count);
+}
+
+static void set_ring(struct arguments *arguments, const struct level *level, int squares)
+{
+    double point = arguments->run->gather->mapping->point_mm;
+    double inner = level->inner * point, outer = level->outer * point;
+    struct device_ring ring = {(float)(inner * inner), (float)(outer * outer), level->side,
+                               squares};
+    set(arguments, &ring, sizeof ring);
+}
+
+/* The posts that a stage takes its light from. */
+static void set_links(struct arguments *arguments, const struct stage *stage, cl_mem sums)
+{
+    size_t links = sums ? stage->count * POSTS_A_RECEIVER : 0;
+    if (sums) {
+        set_memory(arguments, sums);
+    } else {
+        set_shared(arguments, NULL, 0);
+    }
+    set_shared(arguments, stage->posts.links, links * sizeof *stage->posts.links);
+    set_shared(arguments, stage->posts.weights, links * sizeof *stage->posts.weights);
+    set_number(arguments, sums != NULL);
+}
+
+static size_t table_size(const struct appearance *a, const struct level *level)
+{
+    size_t kernels = (size_t)(a->layout == NACRE_KERNEL_PER_TERM ? a->terms : a->kernel_count);
+    return kernels * (size_t)level->side * (size_t)level->side * 4 * sizeof(float);
+}
+
+static int launch(struct arguments *arguments, size_t count, struct progress *progress)
+{
+    struct run *run = arguments->run;
+    size_t one = 1, all = 0;
+    for (int i = 0; i <= run->levels.count; i++) {
+        all += run->stages[i].bundles.count;
+    }
+    for (size_t first = 0; arguments->status == NACRE_OK && first < count;
+         first += BUNDLES_A_LAUNCH) {
         size_t size = count - first < BUNDLES_A_LAUNCH ? count - first : BUNDLES_A_LAUNCH;
         cl_uint offset = (cl_uint)first;
-        int stopped = progress_step(progress, (double)first, (double)count, NULL, error);
-        if (stopped != NACRE_OK) {
-            return stopped;
+        arguments->status =
+            progress_step(progress, run->looked_at, (double)all, NULL, arguments->error);
+        if (arguments->status != NACRE_OK) {
+            return arguments->status;
         }
-        cl_int status = clSetKernelArg(run->kernel, 0, sizeof offset, &offset);
+        cl_int status = clSetKernelArg(arguments->kernel, 0, sizeof offset, &offset);
         if (status == CL_SUCCESS) {
-            status = clEnqueueNDRangeKernel(run->opencl->queue, run->kernel, 1, NULL, &size, &one,
-                                            0, NULL, NULL);
+            status = clEnqueueNDRangeKernel(run->opencl->queue, arguments->kernel, 1, NULL, &size,
+                                            &one, 0, NULL, NULL);
         }
         if (status == CL_SUCCESS) {
             status = clFinish(run->opencl->queue);
         }
-        if (opencl_check(run->opencl, status, "cannot gather light", error) != NACRE_OK) {
+        arguments->status =
+            opencl_check(run->opencl, status, "cannot gather light", arguments->error);
+        run->looked_at += (double)size;
+    }
+    return arguments->status;
+}
+
+/* Squares of 2^number points to posts as far apart. */
+static int gather_squares(struct run *run, int number, struct progress *progress,
+                          struct nacre_error *error)
+{
+    const struct appearance *a = run->gather->appearance;
+    const struct stage *stage = &run->stages[number];
+    const struct level *level = &run->levels.squares[number - 1];
+    const struct source_set *squares = &run->sources.squares[number - 1];
+    struct arguments arguments = {
+        .run = run, .kernel = run->squares_kernel, .count = 1, .error = error};
+    size_t size = run->sources.moment_size * sizeof(float), square = (size_t)1 << number;
+    size_t blocks =
+        (((size_t)a->width + square - 1) / square) * (((size_t)a->height + square - 1) / square);
+    size_t table = (size_t)a->basis.columns * (size_t)level->side * (size_t)level->side *
+                   (size_t)a->basis.parts * 4 * sizeof(float);
+    run->sums[number] =
+        share(run, NULL, stage->count * (size_t)a->terms * 4 * sizeof(float), NULL, error);
+    set_bundles(&arguments, stage);
+    set_runs(&arguments, stage, squares, level, &run->reaches[number + 1]);
+    set_shared(&arguments, run->sources.moments[number - 1], squares->count * size);
+    set_shared(&arguments, level->table, table);
+    set_shared(&arguments, run->sources.pyramid[number - 1], blocks * size);
+    set_ring(&arguments, level, number);
+    set_links(&arguments, stage, number < run->levels.count ? run->sums[number + 1] : NULL);
+    set_memory(&arguments, run->sums[number]);
+    return launch(&arguments, stage->bundles.count, progress);
+}
+
+static int gather_vertices(struct run *run, cl_mem out, struct progress *progress,
+                           struct nacre_error *error)
+{
+    const struct appearance *a = run->gather->appearance;
+    const struct stage *stage = &run->stages[0];
+    const struct levels *levels = &run->levels;
+    const struct level *points = levels->merges ? &levels->points : &levels->samples;
+    struct arguments arguments = {
+        .run = run, .kernel = run->gather_kernel, .count = 1, .error = error};
+    set_bundles(&arguments, stage);
+    set_h(&arguments);
+    set_runs(&arguments, stage, &run->sources.samples, &levels->samples, &run->reaches[0]);
+    set_shared(&arguments, levels->samples.table, table_size(a, &levels->samples));
+    set_ring(&arguments, &levels->samples, 0);
+    set_runs(&arguments, stage, &run->sources.points, points, &run->reaches[1]);
+    set_shared(&arguments, points->table, table_size(a, points));
+    set_shared(&arguments, levels->bends, levels->merges ? table_size(a, points) : 0);
+    set_ring(&arguments, points, 0);
+    set_factors(&arguments);
+    set_links(&arguments, stage, levels->count > 0 ? run->sums[1] : NULL);
+    set_memory(&arguments, out);
+    return launch(&arguments, stage->bundles.count, progress);
+}
+
+static int download(struct run *run, cl_mem out, float (*radiosity)[3], struct nacre_error *error)
+{
+    size_t count = run->receivers.count;
+    float(*sums)[4] = calloc(count + 1, sizeof *sums);
+    if (!sums) {
+        return nacre_fail_memory(error, "the gathered light");
+    }
+    cl_int status = clEnqueueReadBuffer(run->opencl->queue, out, CL_TRUE, 0, count * sizeof *sums,
+                                        sums, 0, NULL, NULL);
+    for (size_t i = 0; status == CL_SUCCESS && i < count; i++) {
+        for (int c = 0; c < 3; c++) {
+            radiosity[run->receivers.vertices[i]][c] += sums[i][c];
+        }
+    }
+    free(sums);
+    return opencl_check(run->opencl, status, "cannot read the gathered light", error);
+}
+
+static int gather_light(struct run *run, struct progress *progress, float (*radiosity)[3],
+                        struct nacre_error *error)
+{
+    if (build(run, error) != NACRE_OK) {
+        return NACRE_FAILED;
+    }
+    for (int number = run->levels.count; number > 0; number--) {
+        int status = gather_squares(run, number, progress, error);
+        if (status != NACRE_OK) {
+            return status;
+        }
+    }
+    cl_mem out = share(run, NULL, run->receivers.count * 4 * sizeof(float), NULL, error);
+    int status = out ? gather_vertices(run, out, progress, error) : NACRE_FAILED;
+    return status == NACRE_OK ? download(run, out, radiosity, error) : status;
+}
+
+static void run_finish(struct run *run)
+{
+    for (size_t i = 0; i < run->piece_count; i++) {
+        if (run->pieces[i].memory) {
+            (void)clReleaseMemObject(run->pieces[i].memory);
+        }
+        free(run->pieces[i].owned);
+    }
+    if (run->gather_kernel) {
+        (void)clReleaseKernel(run->gather_kernel);
+    }
+    if (run->squares_kernel) {
+        (void)clReleaseKernel(run->squares_kernel);
+    }
+    if (run->program) {
+        (void)clReleaseProgram(run->program);
+    }
+    for (int i = 0; i <= LEVELS_MAXIMUM; i++) {
+        reach_bundles_finish(&run->stages[i].bundles);
+        posts_finish(&run->stages[i].posts);
+    }
+    for (int i = 0; i < LEVELS_MAXIMUM + 2; i++) {
+        reach_finish(&run->reaches[i]);
+    }
+    receivers_finish(&run->receivers);
+    levels_finish(&run->levels);
+    sources_finish(&run->sources);
+}
+
+/* The vertices, and the lattices of posts above them. */
+static int make_stages(struct run *run, struct nacre_error *error)
+{
+    double point = run->gather->mapping->point_mm;
+    for (int i = 0; i <= run->levels.count; i++) {
+        struct stage *stage = &run->stages[i];
+        const struct posts *finer = i > 0 ? &run->stages[i - 1].posts : NULL;
+        stage->receivers = finer ? finer->list : run->receivers.list;
+        stage->count = finer ? finer->count : run->receivers.count;
+        if (reach_bundle(&stage->bundles, stage->receivers, stage->count, error) != NACRE_OK ||
+            (i < run->levels.count && posts_make(&stage->posts, stage->receivers, stage->count,
+                                                 (double)(2 << i), point, error) != NACRE_OK)) {
             return NACRE_FAILED;
         }
     }
     return NACRE_OK;
 }
 
-/* Add up what the receivers of each vertex have, and the bounds. */
-static int download(struct run *run, float (*radiosity)[3], struct gather_counts *counts,
-                    struct nacre_error *error)
-{
-    const struct reach *reach = &run->reach;
-    double point = run->gather->mapping->point_mm, square = 0, bound_square = 0;
-    float(*sums)[4] = calloc(reach->bundle_count * LANES + 1, sizeof *sums);
-    if (!sums) {
-        return nacre_fail_memory(error, "the gathered light");
-    }
-    cl_int status =
-        clEnqueueReadBuffer(run->opencl->queue, run->buffers[BUFFER_OUT], CL_TRUE, 0,
-                            reach->bundle_count * LANES * sizeof *sums, sums, 0, NULL, NULL);
-    for (size_t b = 0; status == CL_SUCCESS && b < reach->bundle_count; b++) {
-        double bound = reach->bounds[b] / (point * point);
-        size_t lanes = reach->bundles[b].end - reach->bundles[b].begin;
-        for (size_t j = 0; j < lanes; j++) {
-            uint32_t vertex = run->receivers.vertices[reach->order[reach->bundles[b].begin + j]];
-            const float *sum = sums[b * LANES + j];
-            for (int c = 0; c < 3; c++) {
-                radiosity[vertex][c] += sum[c];
-            }
-            if (run->gather->bounds) {
-                run->gather->bounds[vertex] += (float)bound;
-            }
-            float most = fmaxf(sum[0], fmaxf(sum[1], sum[2]));
-            square += (double)most * most;
-            bound_square += bound * bound;
-        }
-        counts->points += lanes * (reach->point_starts[b + 1] - reach->point_starts[b]);
-        counts->squares += lanes * (reach->square_starts[b + 1] - reach->square_starts[b]);
-    }
-    counts->bound = square > 0 ? sqrt(bound_square / square) : 0;
-    free(sums);
-    return opencl_check(run->opencl, status, "cannot read the gathered light", error);
-}
-
-static void run_finish(struct run *run)
-{
-    for (int i = 0; i < BUFFER_COUNT; i++) {
-        if (run->buffers[i]) {
-            (void)clReleaseMemObject(run->buffers[i]);
-        }
-        free(run->owned[i]);
-    }
-    if (run->kernel) {
-        (void)clReleaseKernel(run->kernel);
-    }
-    if (run->program) {
-        (void)clReleaseProgram(run->program);
-    }
-    receivers_finish(&run->receivers);
-    cells_finish(&run->cells);
-    reach_finish(&run->reach);
-}
-
 static int prepare(struct run *run, struct nacre_error *error)
 {
     const struct gather *gather = run->gather;
-    double point = gather->mapping->point_mm, area = mesh_area_mm2(gather->mesh);
     if (receivers_make(&run->receivers, gather->mesh, gather->mapping, gather->appearance, error) !=
-            NACRE_OK ||
-        (gather->appearance->gathers &&
-         cells_make(&run->cells, gather->samples, gather->appearance, point, error) != NACRE_OK)) {
+        NACRE_OK) {
         return NACRE_FAILED;
     }
-    double mean = area > 0 ? run->cells.brightness / area : 0; /* of pi L */
-    if (run->receivers.count == 0 || run->cells.sample_count == 0 || !gather->appearance->gathers) {
+    if (run->receivers.count == 0 || !gather->appearance->gathers) {
         return NACRE_OK;
     }
-    return reach_make(&run->reach, &run->receivers, &run->cells, gather->appearance, point,
-                      gather->same_side, gather->tolerance * mean * point * point, error);
+    if (levels_make(&run->levels, gather->appearance, gather->tolerance, error) != NACRE_OK ||
+        sources_make(&run->sources, gather->samples, gather->appearance, &run->levels,
+                     gather->mapping->point_mm, error) != NACRE_OK) {
+        return NACRE_FAILED;
+    }
+    return run->sources.samples.count > 0 ? make_stages(run, error) : NACRE_OK;
 }
 
-static int gather_light(struct run *run, struct progress *progress, float (*radiosity)[3],
-                        struct gather_counts *counts, struct nacre_error *error)
+static void count(const struct run *run, struct gather_counts *counts)
 {
-    if (run->reach.bundle_count == 0) {
-        return NACRE_OK;
+    counts->receivers = run->receivers.count;
+    counts->samples = run->sources.samples.count;
+    counts->estimate = run->levels.estimate;
+    for (int i = 0; i < LEVELS_MAXIMUM + 2; i++) {
+        size_t stage = i < 2 ? 0 : (size_t)i - 1;
+        const uint32_t *starts = run->reaches[i].starts;
+        uint64_t pairs =
+            starts ? (uint64_t)starts[run->stages[stage].bundles.count] * LANES * LANES : 0;
+        *(i < 2 ? &counts->points : &counts->squares) += pairs;
+        counts->posts += i > 1 ? run->stages[stage].count : 0;
     }
-    if (build(run, error) != NACRE_OK || share_receivers(run, error) != NACRE_OK ||
-        share_cells(run, error) != NACRE_OK || share_material(run, error) != NACRE_OK) {
-        return NACRE_FAILED;
-    }
-    int status = launch(run, progress, error);
-    return status == NACRE_OK ? download(run, radiosity, counts, error) : status;
 }
 
 static double seconds_since(int64_t start_ns)
@@ -365,13 +504,12 @@ int gather_run(const struct gather *gather, const struct opencl *opencl, struct 
     struct clock clock = clock_monotonic();
     int64_t start = clock_now_ns(&clock);
     int status = prepare(&run, error);
-    *counts =
-        (struct gather_counts){.receivers = run.receivers.count, .samples = run.cells.sample_count};
-    counts->prepare_seconds = seconds_since(start);
+    *counts = (struct gather_counts){.prepare_seconds = seconds_since(start)};
     start = clock_now_ns(&clock);
-    if (status == NACRE_OK) {
-        status = gather_light(&run, progress, radiosity, counts, error);
+    if (status == NACRE_OK && run.sources.samples.count > 0) {
+        status = gather_light(&run, progress, radiosity, error);
     }
+    count(&run, counts);
     counts->launch_seconds = seconds_since(start);
     run_finish(&run);
     return status;

@@ -1,5 +1,6 @@
-/* Light gathered by 16 receivers at a time, from light samples and from moments of squares of surface points (cells.h,
- * basis.h); gather_reference.c is the same in double precision, sample by sample. What is specialised, by -D: */
+/* Light gathered by 16 receivers at a time: near by, sample by sample and surface point by surface point for each vertex;
+ * farther on, from moments of squares for posts (posts.h), whose sums for each term the vertices share and multiply by
+ * their H. gather_reference.c is the same in double precision, sample by sample. What is specialised, by -D: */
 #ifndef TERMS4
 #define TERMS4 1 /* terms / 4 */
 #endif
@@ -15,8 +16,8 @@
 #ifndef PER_TERM
 #define PER_TERM 0 /* 1: a kernel for each term */
 #endif
-#ifndef VECTORS
-#define VECTORS 1 /* float16s of basis kernels */
+#ifndef PARTS
+#define PARTS 1 /* basis kernels */
 #endif
 #ifndef WIDTH
 #define WIDTH 1 /* of the material, surface points */
@@ -34,29 +35,34 @@
 #define POINT_MM 1.0f
 #endif
 
-#define SIDE (WINDOW + 2)
 #define HALF_WINDOW (WINDOW / 2 + 1)
 #define LANES 16
-#define LAST (2 * HALF_WINDOW * 0x1.fffffep-1f) /* just inside the padded window */
-#define TERMS (4 * TERMS4)
+#define LINKS 9 /* posts of a receiver */
+#define MOMENT ((PER_TERM ? 1 : PARTS) * TERMS4) /* float16s */
 #define LANE(vector, type, j) (((const type *)&(vector))[j])
 
 /* 16 receivers, field by field. */
 struct bundle {
     float16 px, py, pz, ax, ay, az, bx, by, bz, nx, ny, nz, x, y, flip_x, flip_y;
-    int16 chart, column;
+    int16 chart, column, index;
 };
 
-struct point {
-    float px, py, pz, x, y, red, green, blue, nx, ny, nz;
+struct source {
+    float px, py, pz, x, y, red, green, blue, nx, ny, nz, variance;
     int chart;
-    uint texel, unused[3];
+    uint texel, unused[2];
 };
 
-/* Where the kernels are read: the padded offset's whole part and fraction. */
+/* A ring of kernels: the side of their tables, and within which distances (mm) it has light. */
+struct ring {
+    float inner_square, outer_square;
+    int side, level; /* squares of 2^level points */
+};
+
+/* Where the kernels are read: the offset's whole part and fraction in a table. */
 struct offsets {
     float16 dx, dy, fx, fy;
-    int16 inside, place;
+    int16 inside, place, foreign;
 };
 
 int wrap(int i, int size)
@@ -67,11 +73,18 @@ int wrap(int i, int size)
     return inside < size ? inside : 2 * size - 1 - inside;
 }
 
-struct offsets offsets_from(const struct bundle *to, float px, float py, float pz)
+struct offsets offsets_from(const struct bundle *to, __global const struct source *from, const struct ring *ring)
 {
     struct offsets o;
-    float16 ox = to->px - px, oy = to->py - py, oz = to->pz - pz;
+    float16 ox = to->px - from->px, oy = to->py - from->py, oz = to->pz - from->pz;
     float16 square = fma(ox, ox, fma(oy, oy, oz * oz));
+    o.inside = (square >= ring->inner_square) & (square < ring->outer_square);
+    if (SAME_SIDE) {
+        o.inside &= fma(to->nx, from->nx, fma(to->ny, from->ny, to->nz * from->nz)) > 0;
+    }
+    if (!any(o.inside)) {
+        return o;
+    }
     float16 a = fma(ox, to->ax, fma(oy, to->ay, oz * to->az));
     float16 b = fma(ox, to->bx, fma(oy, to->by, oz * to->bz));
     float16 across = fma(a, a, b * b);
@@ -82,14 +95,17 @@ struct offsets offsets_from(const struct bundle *to, float px, float py, float p
     float16 scale = sqrt(square / select((float16)1, across, along)) * (1 / POINT_MM);
     o.dx = a * scale;
     o.dy = b * scale;
-    float16 u = fma(to->flip_x, o.dx, (float16)HALF_WINDOW), v = fma(to->flip_y, o.dy, (float16)HALF_WINDOW);
-    o.inside = (u > 0) & (u < 2 * HALF_WINDOW) & (v > 0) & (v < 2 * HALF_WINDOW);
-    u = clamp(u, (float16)0, (float16)LAST); /* lanes outside read something, too */
-    v = clamp(v, (float16)0, (float16)LAST);
+    float half_side = ring->side / 2, last = 2 * half_side * 0x1.fffffep-1f; /* just inside the table */
+    float16 u = fma(to->flip_x, o.dx, (float16)half_side), v = fma(to->flip_y, o.dy, (float16)half_side);
+    o.inside &= (u > 0) & (u < 2 * half_side) & (v > 0) & (v < 2 * half_side);
+    u = clamp(u, (float16)0, (float16)last); /* lanes outside read something, too */
+    v = clamp(v, (float16)0, (float16)last);
     int16 column = convert_int16(u), row = convert_int16(v);
     o.fx = u - convert_float16(column);
     o.fy = v - convert_float16(row);
-    o.place = row * SIDE + column;
+    o.place = row * ring->side + column;
+    o.foreign = (to->chart != from->chart) | (fabs(to->x - from->x) > HALF_WINDOW) |
+                (fabs(to->y - from->y) > HALF_WINDOW);
     return o;
 }
 
@@ -99,23 +115,43 @@ float4 fold(float16 v)
     return half_sum.lo + half_sum.hi;
 }
 
-float16 basis_at(__global const float16 *g, int step, float fx, float fy)
+float16 between16(__global const float16 *g, int right, int down, float fx, float fy)
 {
-    float16 upper = fma(g[step] - g[0], (float16)fx, g[0]);
-    float16 lower = fma(g[(SIDE + 1) * step] - g[SIDE * step], (float16)fx, g[SIDE * step]);
+    float16 upper = fma(g[right] - g[0], (float16)fx, g[0]);
+    float16 lower = fma(g[down + right] - g[down], (float16)fx, g[down]);
     return fma(lower - upper, (float16)fy, upper);
 }
 
-/* sum_t F H G by colour, for receiver j of the bundle. */
-float4 response(uint texel, int column, int place, float fx, float fy, __global const float16 *factors,
-                __global const float16 *h, __global const float4 *kernels, __global const float16 *basis,
-                __global const uint *ids, __global const float *weights)
+float4 between4(__global const float4 *g, int right, int down, float fx, float fy)
 {
-    __global const float16 *f = factors + (size_t)texel * TERMS4;
+    float4 upper = fma(g[right] - g[0], (float4)fx, g[0]);
+    float4 lower = fma(g[down + right] - g[down], (float4)fx, g[down]);
+    return fma(lower - upper, (float4)fy, upper);
+}
+
+/* What one receiver sees of one source. */
+struct sight {
+    uint texel;
+    int column, place, side;
+    float fx, fy, variance;
+};
+
+/* sum_t F H G by colour. `bends` counts times the variance; NULL for single samples. */
+float4 response(const struct sight *at, __global const float16 *factors, __global const float16 *h,
+                __global const float4 *kernels, __global const float4 *bends, __global const uint *ids,
+                __global const float *weights)
+{
+    __global const float16 *f = factors + (size_t)at->texel * TERMS4;
     float16 sum = 0;
 #if PER_TERM
+    __global const float16 *g = (__global const float16 *)kernels + (size_t)at->place * TERMS4;
+    __global const float16 *d = (__global const float16 *)bends + (size_t)at->place * TERMS4;
     for (int k = 0; k < TERMS4; k++) {
-        sum = fma(f[k] * h[k], basis_at(basis + (size_t)place * TERMS4 + k, TERMS4, fx, fy), sum);
+        float16 value = between16(g + k, TERMS4, at->side * TERMS4, at->fx, at->fy);
+        if (bends) {
+            value = fma(between16(d + k, TERMS4, at->side * TERMS4, at->fx, at->fy), (float16)at->variance, value);
+        }
+        sum = fma(f[k] * h[k], value, sum);
     }
     return fold(sum);
 #else
@@ -124,164 +160,187 @@ float4 response(uint texel, int column, int place, float fx, float fy, __global 
         sum = fma(f[k], h[k], sum);
     }
     for (int a = 0; a < MIXED; a++) {
-        size_t id = ids[(size_t)texel * MIXED + a] * (CLUSTERS ? CLUSTERS : 1) + column;
-        __global const float4 *g = kernels + id * (SIDE * SIDE) + place;
-        float4 upper = fma(g[1] - g[0], (float4)fx, g[0]);
-        float4 lower = fma(g[SIDE + 1] - g[SIDE], (float4)fx, g[SIDE]);
-        value += (MIXED > 1 ? weights[(size_t)texel * MIXED + a] : 1.0f) *
-                 fma(lower - upper, (float4)fy, upper);
+        size_t id = ids[(size_t)at->texel * MIXED + a] * (CLUSTERS ? CLUSTERS : 1) + at->column;
+        size_t entry = id * (at->side * at->side) + at->place;
+        float4 part = between4(kernels + entry, 1, at->side, at->fx, at->fy);
+        if (bends && at->variance > 0) {
+            part = fma(between4(bends + entry, 1, at->side, at->fx, at->fy), (float4)at->variance, part);
+        }
+        value += (MIXED > 1 ? weights[(size_t)at->texel * MIXED + a] : 1.0f) * part;
     }
     return fold(sum) * value;
 #endif
 }
 
-/* The surface point that receiver j sees in the direction of a sample that is elsewhere in the texture. */
-uint seen_texel(const struct bundle *to, const struct offsets *o, int j)
+/* Row and column of the surface point that receiver j sees in the direction of a source that is elsewhere in the
+ * texture. */
+int2 seen_point(const struct bundle *to, const struct offsets *o, int j)
 {
-    return wrap(convert_int_rtn(LANE(to->y, float, j) - LANE(o->dy, float, j)), HEIGHT) * WIDTH +
-           wrap(convert_int_rtn(LANE(to->x, float, j) - LANE(o->dx, float, j)), WIDTH);
+    return (int2)(wrap(convert_int_rtn(LANE(to->y, float, j) - LANE(o->dy, float, j)), HEIGHT),
+                  wrap(convert_int_rtn(LANE(to->x, float, j) - LANE(o->dx, float, j)), WIDTH));
 }
 
-/* What one light sample, or a sum of some on one surface point, gives each receiver. */
-void add_point(const struct bundle *to, __global const struct point *from, float4 *sums,
-               __global const float16 *factors, __global const float16 *h, __global const float4 *kernels,
-               __global const float16 *basis, __global const uint *ids, __global const float *weights)
-{
-    struct offsets o = offsets_from(to, from->px, from->py, from->pz);
-    if (SAME_SIDE) {
-        o.inside &= fma(to->nx, from->nx, fma(to->ny, from->ny, to->nz * from->nz)) > 0;
-    }
-    if (!any(o.inside)) {
-        return;
-    }
-    int16 foreign = (to->chart != from->chart) | (fabs(to->x - from->x) > HALF_WINDOW) |
-                    (fabs(to->y - from->y) > HALF_WINDOW);
-    float4 flux = (float4)(from->red, from->green, from->blue, 0);
-    for (int j = 0; j < LANES; j++) {
-        if (LANE(o.inside, int, j)) {
-            uint texel = LANE(foreign, int, j) ? seen_texel(to, &o, j) : from->texel;
-            sums[j] += flux * response(texel, LANE(to->column, int, j), LANE(o.place, int, j),
-                                       LANE(o.fx, float, j), LANE(o.fy, float, j), factors,
-                                       h + j * TERMS4, kernels, basis, ids, weights);
-        }
-    }
-}
+/* Runs of sources in a bundle's reach. */
+struct runs {
+    __global const uint *starts, *list;
+    __global const struct source *sources;
+    uint count; /* of the sources */
+};
 
-#if PER_TERM
-#define STATE TERMS4 /* float16s that a receiver's sum takes */
-#else
-#define STATE 1
-#endif
-
-/* What a square's light gives each receiver. sums[LANES][STATE]; h[TERMS][LANES] has H in the lanes of the basis. */
-void add_square(const struct bundle *to, float4 from, __global const float16 *moment, float16 *sums,
-                const float16 *h, __global const float16 *basis)
+/* What samples, or surface points' light, give each vertex of a bundle. */
+void add_near(const struct bundle *to, size_t index, const struct runs *runs, const struct ring *ring, float4 *sums,
+              __global const float16 *factors, __global const float16 *h, __global const float4 *kernels,
+              __global const float4 *bends, __global const uint *ids, __global const float *weights)
 {
-    struct offsets o = offsets_from(to, from.x, from.y, from.z);
-    if (!any(o.inside)) {
-        return;
-    }
-#if PER_TERM
-    for (int j = 0; j < LANES; j++) {
-        if (LANE(o.inside, int, j)) {
-            __global const float16 *g = basis + (size_t)LANE(o.place, int, j) * TERMS4;
-            for (int k = 0; k < TERMS4; k++) {
-                sums[j * STATE + k] =
-                    fma(basis_at(g + k, TERMS4, LANE(o.fx, float, j), LANE(o.fy, float, j)),
-                        moment[k], sums[j * STATE + k]);
+    for (uint i = runs->starts[index]; i < runs->starts[index + 1]; i++) {
+        uint begin = runs->list[i] * LANES, end = min(begin + LANES, runs->count);
+        for (uint s = begin; s < end; s++) {
+            __global const struct source *from = runs->sources + s;
+            struct offsets o = offsets_from(to, from, ring);
+            if (!any(o.inside)) {
+                continue;
             }
-        }
-    }
-#else
-    for (int j = 0; j < LANES; j += 4) { /* four at a time: the moment is read once for them */
-        if (!(LANE(o.inside, int, j) | LANE(o.inside, int, j + 1) | LANE(o.inside, int, j + 2) |
-              LANE(o.inside, int, j + 3))) {
-            continue;
-        }
-        for (int k = 0; k < VECTORS; k++) {
-            float16 part[4];
-            for (int i = 0; i < 4; i++) {
-                part[i] = h[j + i] * moment[k];
-            }
-            for (int t = 1; t < TERMS; t++) {
-                float16 m = moment[t * VECTORS + k];
-                for (int i = 0; i < 4; i++) {
-                    part[i] = fma(h[t * LANES + j + i], m, part[i]);
+            float4 flux = (float4)(from->red, from->green, from->blue, 0);
+            for (int j = 0; j < LANES; j++) {
+                if (LANE(o.inside, int, j)) {
+                    struct sight at = {from->texel, LANE(to->column, int, j), LANE(o.place, int, j), ring->side,
+                                       LANE(o.fx, float, j), LANE(o.fy, float, j), from->variance};
+                    if (LANE(o.foreign, int, j)) {
+                        int2 seen = seen_point(to, &o, j);
+                        at.texel = seen.x * WIDTH + seen.y;
+                    }
+                    sums[j] += flux * response(&at, factors, h + j * TERMS4, kernels, bends, ids, weights);
                 }
             }
-            for (int i = 0; i < 4; i++) {
-                size_t table = CLUSTERS ? (size_t)LANE(to->column, int, j + i) * (SIDE * SIDE) : 0;
-                __global const float16 *g =
-                    basis + (table + LANE(o.place, int, j + i)) * VECTORS + k;
-                float16 value = basis_at(g, VECTORS, LANE(o.fx, float, j + i), LANE(o.fy, float, j + i));
-                value = LANE(o.inside, int, j + i) ? value : (float16)0;
-                sums[j + i] = fma(value, part[i], sums[j + i]);
+        }
+    }
+}
+
+/* The posts' sums around a receiver, in its own place. */
+void interpolate(__global const float16 *posts, __global const uint *links, __global const float *shares,
+                 float16 *sums)
+{
+    for (int i = 0; i < LINKS; i++) {
+        __global const float16 *post = posts + (size_t)links[i] * TERMS4;
+        for (int k = 0; k < TERMS4; k++) {
+            sums[k] = fma(post[k], (float16)shares[i], sums[k]);
+        }
+    }
+}
+
+/* What one square's light gives one post, term by term. */
+void add_square(float16 *sums, __global const float16 *moment, float4 flux, __global const float4 *kernels, int side,
+                float fx, float fy)
+{
+#if PER_TERM
+    for (int k = 0; k < TERMS4; k++) {
+        float16 value = between16((__global const float16 *)kernels + k, TERMS4, side * TERMS4, fx, fy);
+        sums[k] = fma(value * (float16)(flux, flux, flux, flux), moment[k], sums[k]);
+    }
+#else
+    float16 own[TERMS4];
+    for (int k = 0; k < TERMS4; k++) {
+        own[k] = sums[k];
+    }
+    for (int r = 0; r < PARTS; r++) {
+        float4 value = flux * between4(kernels + r, PARTS, side * PARTS, fx, fy);
+        for (int k = 0; k < TERMS4; k++) {
+            own[k] = fma((float16)(value, value, value, value), moment[r * TERMS4 + k], own[k]);
+        }
+    }
+    for (int k = 0; k < TERMS4; k++) {
+        sums[k] = own[k];
+    }
+#endif
+}
+
+/* 16 posts a work item: out[post][TERMS4] is what squares give them, and coarser posts. */
+__kernel void gather_squares(uint first, __global const struct bundle *bundles, __global const uint *starts,
+                             __global const uint *list, __global const struct source *squares, uint count,
+                             __global const float16 *moments, __global const float4 *kernels,
+                             __global const float16 *pyramid, struct ring ring, __global const float16 *coarse,
+                             __global const uint *links, __global const float *shares, int linked,
+                             __global float16 *out)
+{
+    size_t index = first + get_global_id(0);
+    const struct bundle to = bundles[index];
+    float16 sums[LANES * TERMS4];
+    int columns = (WIDTH - 1 >> ring.level) + 1;
+    for (int j = 0; j < LANES * TERMS4; j++) {
+        sums[j] = 0;
+    }
+    for (uint i = starts[index]; i < starts[index + 1]; i++) {
+        uint begin = list[i] * LANES, end = min(begin + LANES, count);
+        for (uint s = begin; s < end; s++) {
+            __global const struct source *from = squares + s;
+            struct offsets o = offsets_from(&to, from, &ring);
+            if (!any(o.inside)) {
+                continue;
+            }
+            for (int j = 0; j < LANES; j++) {
+                if (LANE(o.inside, int, j)) {
+                    __global const float16 *moment = moments + (size_t)s * MOMENT;
+                    float4 flux = (float4)(1, 1, 1, 0);
+                    if (LANE(o.foreign, int, j)) {
+                        int2 seen = seen_point(&to, &o, j) >> ring.level;
+                        moment = pyramid + (size_t)(seen.x * columns + seen.y) * MOMENT;
+                        flux = (float4)(from->red, from->green, from->blue, 0);
+                    }
+                    size_t table = CLUSTERS ? (size_t)LANE(to.column, int, j) * (ring.side * ring.side) : 0;
+                    add_square(sums + j * TERMS4, moment, flux,
+                               kernels + (table + LANE(o.place, int, j)) * (PER_TERM ? 4 * TERMS4 : PARTS), ring.side,
+                               LANE(o.fx, float, j), LANE(o.fy, float, j));
+                }
             }
         }
     }
-#endif
-}
-
-/* By colour, what a receiver's sum over squares comes to. */
-float4 sum_squares(const float16 *sums, __global const float16 *h)
-{
-#if PER_TERM
-    float16 sum = 0;
-    for (int k = 0; k < TERMS4; k++) {
-        sum = fma(sums[k], h[k], sum);
+    for (int j = 0; j < LANES; j++) {
+        size_t post = LANE(to.index, int, j);
+        if (linked) {
+            interpolate(coarse, links + post * LINKS, shares + post * LINKS, sums + j * TERMS4);
+        }
+        for (int k = 0; k < TERMS4; k++) {
+            out[post * TERMS4 + k] = sums[j * TERMS4 + k];
+        }
     }
-    return fold(sum);
-#else
-    float16 s = sums[0];
-    return (float4)(s.s0 + s.s3 + s.s6 + s.s9 + s.sc, s.s1 + s.s4 + s.s7 + s.sa + s.sd,
-                    s.s2 + s.s5 + s.s8 + s.sb + s.se, 0);
-#endif
 }
 
-/* A bundle a work item. point_starts and square_starts name the parts of the lists that are its own. */
+/* 16 vertices a work item: out[vertex] is what leaves there. */
 __kernel void gather(uint first, __global const struct bundle *bundles, __global const float16 *bundle_h,
-                     __global const uint *point_starts, __global const uint *point_list,
-                     __global const uint *square_starts, __global const uint *square_list,
-                     __global const struct point *points, __global const float4 *squares,
-                     __global const float16 *moments, __global const float16 *factors,
-                     __global const float4 *kernels, __global const float16 *basis,
-                     __global const uint *ids, __global const float *weights, __global float4 *out)
+                     __global const uint *sample_starts, __global const uint *sample_list,
+                     __global const struct source *samples, uint sample_count, __global const float4 *sample_kernels,
+                     struct ring sample_ring, __global const uint *point_starts, __global const uint *point_list,
+                     __global const struct source *points, uint point_count, __global const float4 *point_kernels,
+                     __global const float4 *bends, struct ring point_ring, __global const float16 *factors,
+                     __global const uint *ids, __global const float *weights, __global const float16 *posts,
+                     __global const uint *links, __global const float *shares, int linked, __global float4 *out)
 {
     size_t index = first + get_global_id(0);
     const struct bundle to = bundles[index];
     __global const float16 *h = bundle_h + index * (LANES * TERMS4);
     float4 sums[LANES];
-    float16 square_sums[LANES * STATE];
-    for (int j = 0; j < LANES * STATE; j++) {
-        square_sums[j] = 0;
-    }
     for (int j = 0; j < LANES; j++) {
         sums[j] = 0;
     }
-    for (uint i = point_starts[index]; i < point_starts[index + 1]; i++) {
-        add_point(&to, points + point_list[i], sums, factors, h, kernels, basis, ids, weights);
-    }
-    if (square_starts[index] < square_starts[index + 1]) {
-#if PER_TERM
-        float16 wide_h[1];
-#else
-        float16 wide_h[TERMS * LANES];
-        for (int j = 0; j < LANES; j++) {
-            __global const float4 *own = (__global const float4 *)(h + j * TERMS4);
-            for (int t = 0; t < TERMS; t++) {
-                float3 v = own[t].xyz;
-                wide_h[t * LANES + j] = (float16)(v, v, v, v, v, 0);
-            }
-        }
-#endif
-        for (uint i = square_starts[index]; i < square_starts[index + 1]; i++) {
-            size_t square = square_list[i];
-            add_square(&to, squares[square], moments + square * (PER_TERM ? TERMS4 : TERMS * VECTORS),
-                       square_sums, wide_h, basis);
-        }
+    const struct runs one_by_one = {sample_starts, sample_list, samples, sample_count};
+    add_near(&to, index, &one_by_one, &sample_ring, sums, factors, h, sample_kernels, 0, ids, weights);
+    if (point_count > 0) {
+        const struct runs by_points = {point_starts, point_list, points, point_count};
+        add_near(&to, index, &by_points, &point_ring, sums, factors, h, point_kernels, bends, ids, weights);
     }
     for (int j = 0; j < LANES; j++) {
-        out[index * LANES + j] = (sums[j] + sum_squares(square_sums + j * STATE, h + j * TERMS4)) *
-                                 (1 / (POINT_MM * POINT_MM));
+        size_t receiver = LANE(to.index, int, j);
+        if (linked) {
+            float16 shared[TERMS4], sum = 0;
+            for (int k = 0; k < TERMS4; k++) {
+                shared[k] = 0;
+            }
+            interpolate(posts, links + receiver * LINKS, shares + receiver * LINKS, shared);
+            for (int k = 0; k < TERMS4; k++) {
+                sum = fma(shared[k], h[j * TERMS4 + k], sum);
+            }
+            sums[j] += fold(sum);
+        }
+        out[receiver] = sums[j] * (1 / (POINT_MM * POINT_MM));
     }
 }

@@ -23,18 +23,17 @@ struct gather {
     const struct appearance *appearance;
     const struct light_samples *samples;
     bool same_side; /* only light that falls on the side where it leaves */
-    /* Samples are summed up where the bound of what this changes is at most this share of the surface's mean light; the
-     * bounds of all that a receiver takes add up, see `bounds`. 0: every sample by itself. */
+    /* Light is summed up as far as the estimate of what this changes is at most this share of all light (levels.h). 0:
+     * every sample by itself. */
     double tolerance;
-    float *
-        bounds; /* NULL, or [vertex]: summing up changes the light there by at most so much in any channel */
 };
 
 struct gather_counts {
     uint64_t receivers, samples;
     uint64_t points,
-        squares;  /* pairs of a receiver and a sample, a sum of some, or a square's moment */
-    double bound; /* root mean square of the bounds over that of the light */
+        squares; /* pairs looked at: of a vertex and a sample or a surface point; of a post and a square */
+    uint64_t posts;
+    double estimate; /* of the error, over all light */
     double prepare_seconds, launch_seconds;
 };
 

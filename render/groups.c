@@ -85,6 +85,6 @@ uint32_t groups_part(const float position[3], const float normal[3], double cube
         axis = fabsf(normal[k]) > fabsf(normal[axis]) ? k : axis;
         place = place << 21 | ((uint64_t)(int64_t)floor((double)position[k] / cube) & 0x1fffff);
     }
-    place = random_mix(place ^ (uint64_t)(2 * axis + (normal[axis] < 0)) << 62);
+    place = random_mix(random_mix(place) + (uint64_t)(2 * axis + (normal[axis] < 0)));
     return (uint32_t)(place >> 32) | 1; /* 0 is for groups that are not parted */
 }

@@ -3,6 +3,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 /* A ring sets in between this share of a radius and all of it. */
 static const double rise_share = 0.45;
@@ -72,7 +73,7 @@ static int cut_kernels(struct level *level, const struct appearance *appearance,
     int half = appearance->window / 2 + 1;
     bool per_term = appearance->layout == NACRE_KERNEL_PER_TERM;
     *level = (struct level){.outer = HUGE_VAL, .side = (int)full, .table = appearance->kernels};
-    if (!(ring.begin > 0) && !isfinite(ring.end)) {
+    if (!(ring.begin > 0) && !isfinite(ring.end) && !per_term) { /* per term: aligned */
         return NACRE_OK;
     }
     if (isfinite(ring.end)) {
@@ -84,7 +85,8 @@ static int cut_kernels(struct level *level, const struct appearance *appearance,
     size_t side = (size_t)level->side, skip = full / 2 - (size_t)half;
     size_t kernels = (size_t)(per_term ? 1 : appearance->kernel_count);
     size_t entry = per_term ? (size_t)appearance->terms * 4 : 4;
-    level->owned = malloc(kernels * side * side * entry * sizeof *level->owned);
+    level->owned =
+        aligned_alloc(64, (kernels * side * side * entry * sizeof *level->owned + 63) / 64 * 64);
     if (!level->owned) {
         return nacre_fail_memory(error, "the material's kernels");
     }
@@ -127,10 +129,12 @@ static int bend_points(struct levels *levels, const struct appearance *appearanc
     size_t side = (size_t)levels->points.side;
     size_t kernels = (size_t)(per_term ? 1 : appearance->kernel_count);
     size_t entry = per_term ? (size_t)appearance->terms * 4 : 4, size = side * side * entry;
-    levels->bends = calloc(kernels * size, sizeof *levels->bends);
+    size_t bytes = (kernels * size * sizeof *levels->bends + 63) / 64 * 64;
+    levels->bends = aligned_alloc(64, bytes);
     if (!levels->bends) {
         return nacre_fail_memory(error, "the material's kernels");
     }
+    memset(levels->bends, 0, bytes);
     for (size_t j = 0; j < kernels; j++) {
         add_bends(levels->points.table + j * size, side, entry, 1, 0.5, levels->bends + j * size);
     }
@@ -151,10 +155,10 @@ static int cut_basis(struct levels *levels, const struct appearance *appearance,
     }
     variance -= square / 12; /* of light spread over the square */
     float *cut = malloc(size * sizeof *cut);
-    *level = (struct level){
-        .inner = fmax(rise_share * ring.begin - 1.5 - 1.5 * (double)step, 0),
-        .outer = isfinite(ring.end) ? ring.end + 1.5 + 1.5 * (double)step : HUGE_VAL,
-        .side = (int)side};
+    *level =
+        (struct level){.inner = fmax(rise_share * ring.begin - 1.5 - 1.5 * (double)step, 0),
+                       .outer = isfinite(ring.end) ? ring.end + 1.5 + 1.5 * (double)step : HUGE_VAL,
+                       .side = (int)side};
     level->table = level->owned =
         aligned_alloc(64, ((size_t)basis->columns * size * sizeof *cut + 63) / 64 * 64);
     if (!cut || !level->owned) {
@@ -190,8 +194,7 @@ int levels_make(struct levels *levels, const struct appearance *appearance, doub
     const struct basis *basis = &appearance->basis;
     double half = appearance->window / 2 + 1, first = 1.5; /* NOLINT: K is odd */
     *levels = (struct levels){0};
-    while (first < half &&
-           !(seen_share * bound_of(basis, 1, first, HUGE_VAL) <= tolerance / 2)) {
+    while (first < half && !(seen_share * bound_of(basis, 1, first, HUGE_VAL) <= tolerance / 2)) {
         first *= 1.2;
     }
     levels->merges = tolerance > 0 && first < half;

@@ -160,8 +160,8 @@ static struct outcome run(struct bench *bench, const struct way *way, size_t eve
     add_local(bench, &samples, radiosity);
     outcome.light = timing_since(start).processor;
     outcome.samples = samples.count;
-    struct gather gather = {
-        &bench->mesh, &bench->mapping, &bench->appearance, &samples, false, way->tolerance, NULL};
+    struct gather gather = {&bench->mesh, &bench->mapping, &bench->appearance,
+                            &samples,     false,           way->tolerance};
     if (way->plain) {
         outcome.gather = plain_gather(&gather, &bench->opencl, every, radiosity, done);
     } else {
@@ -169,11 +169,13 @@ static struct outcome run(struct bench *bench, const struct way *way, size_t eve
         start = timing_now();
         must(gather_run(&gather, &bench->opencl, NULL, radiosity, &counts, &error));
         outcome.gather = timing_since(start).processor;
-        printf("  %.3f s before, %.3f s in launches (wall); %.1f points and %.1f squares a "
-               "receiver; bound %.3f %%\n",
-               counts.prepare_seconds, counts.launch_seconds,
-               (double)counts.points / (double)counts.receivers,
-               (double)counts.squares / (double)counts.receivers, 100 * counts.bound);
+        double receivers = (double)counts.receivers;
+        printf("  %.3f s before, %.3f s in launches (wall); %.1f near pairs, %.2f posts and %.1f "
+               "far pairs a "
+               "receiver; estimate %.3f %%\n",
+               counts.prepare_seconds, counts.launch_seconds, (double)counts.points / receivers,
+               (double)counts.posts / receivers, (double)counts.squares / receivers,
+               100 * counts.estimate);
     }
     samples_finish(&samples);
     return outcome;

@@ -1,0 +1,372 @@
+/* Summing up light by places in the texture. */
+#include "render/sources.h"
+
+#include "render/bundles.h"
+#include "render/groups.h"
+
+#include <math.h>
+#include <stdbool.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Light of one place in the texture is parted where it is farther spread in space than this many sides of the square, or
+ * where its normals' mean is shorter than this. */
+static const double widest = 1.2, straightest = 0.85;
+
+/* What is added up of one group. */
+struct heap {
+    double weight, position[3], normal[3], x, y, flux[3], square, radius_square;
+    int32_t chart;
+    uint32_t texel;
+    bool parted;
+};
+
+/* One set being summed up to the next. */
+struct merge {
+    const struct source_set *from;
+    double size; /* of the squares, points */
+    double point_mm;
+    uint32_t *numbers; /* of each source's group */
+    struct groups groups;
+    struct heap *heaps;
+};
+
+static double brightness(const float flux[3])
+{
+    return (double)flux[0] + (double)flux[1] + (double)flux[2];
+}
+
+static int32_t cell_of(double x, double size)
+{
+    return (int32_t)fmin(fmax(floor(x / size), -1e9), 1e9);
+}
+
+static struct group_key key_of(const struct merge *merge, const struct source *source)
+{
+    return (struct group_key){source->chart, cell_of((double)source->x, merge->size),
+                              cell_of((double)source->y, merge->size), 0};
+}
+
+static void add_to_heap(struct heap *heap, const struct source *source)
+{
+    double weight = brightness(source->flux);
+    heap->weight += weight;
+    heap->x += weight * (double)source->x;
+    heap->y += weight * (double)source->y;
+    for (int k = 0; k < 3; k++) {
+        heap->position[k] += weight * (double)source->position[k];
+        heap->normal[k] += weight * (double)source->normal[k];
+        heap->flux[k] += (double)source->flux[k];
+    }
+    heap->chart = source->chart;
+    heap->texel = source->texel;
+}
+
+static void measure(struct heap *heap, const struct source *source)
+{
+    double square = 0;
+    for (int k = 0; k < 3; k++) {
+        double away = (double)source->position[k] - heap->position[k];
+        square += away * away;
+    }
+    heap->square += brightness(source->flux) * square;
+    heap->radius_square = fmax(heap->radius_square, square);
+}
+
+/* Sum up the sources by their numbers. */
+static int fill_heaps(struct merge *merge)
+{
+    free(merge->heaps);
+    merge->heaps = calloc(merge->groups.count + 1, sizeof *merge->heaps);
+    if (!merge->heaps) {
+        return -1;
+    }
+    for (size_t i = 0; i < merge->from->count; i++) {
+        add_to_heap(&merge->heaps[merge->numbers[i]], &merge->from->list[i]);
+    }
+    for (size_t i = 0; i < merge->groups.count; i++) {
+        struct heap *heap = &merge->heaps[i];
+        double scale = heap->weight > 0 ? 1 / heap->weight : 0;
+        heap->x *= scale;
+        heap->y *= scale;
+        for (int k = 0; k < 3; k++) {
+            heap->position[k] *= scale;
+            heap->normal[k] *= scale;
+        }
+    }
+    for (size_t i = 0; i < merge->from->count; i++) {
+        measure(&merge->heaps[merge->numbers[i]], &merge->from->list[i]);
+    }
+    return 0;
+}
+
+static bool must_part(const struct merge *merge, const struct heap *heap)
+{
+    double most = widest * merge->size * merge->point_mm, length = 0;
+    for (int k = 0; k < 3; k++) {
+        length += heap->normal[k] * heap->normal[k];
+    }
+    return heap->radius_square > most * most || length < straightest * straightest;
+}
+
+/* Groups by place in the texture; those that are not compact once more by place in space. */
+static int group(struct merge *merge)
+{
+    bool any = false;
+    if (groups_begin(&merge->groups, merge->from->count / 2) != 0) {
+        return -1;
+    }
+    for (size_t i = 0; i < merge->from->count; i++) {
+        merge->numbers[i] = groups_number(&merge->groups, key_of(merge, &merge->from->list[i]));
+        if (merge->numbers[i] == GROUPS_FULL) {
+            return -1;
+        }
+    }
+    if (fill_heaps(merge) != 0) {
+        return -1;
+    }
+    for (size_t i = 0; i < merge->groups.count; i++) {
+        merge->heaps[i].parted = must_part(merge, &merge->heaps[i]);
+        any = any || merge->heaps[i].parted;
+    }
+    if (!any) {
+        return 0;
+    }
+    groups_end(&merge->groups);
+    if (groups_begin(&merge->groups, merge->from->count / 2) != 0) {
+        return -1;
+    }
+    for (size_t i = 0; i < merge->from->count; i++) {
+        const struct source *source = &merge->from->list[i];
+        struct group_key key = key_of(merge, source);
+        key.part =
+            merge->heaps[merge->numbers[i]].parted
+                ? groups_part(source->position, source->normal, merge->size * merge->point_mm)
+                : 0;
+        merge->numbers[i] = groups_number(&merge->groups, key);
+        if (merge->numbers[i] == GROUPS_FULL) {
+            return -1;
+        }
+    }
+    return fill_heaps(merge);
+}
+
+static struct source source_of(const struct heap *heap, double point_mm)
+{
+    struct source source = {.x = (float)heap->x,
+                            .y = (float)heap->y,
+                            .variance =
+                                (float)(heap->square / heap->weight / (2 * point_mm * point_mm)),
+                            .chart = heap->chart,
+                            .texel = heap->texel};
+    double length = 0;
+    for (int k = 0; k < 3; k++) {
+        length += heap->normal[k] * heap->normal[k];
+    }
+    for (int k = 0; k < 3; k++) {
+        source.position[k] = (float)heap->position[k];
+        source.normal[k] = (float)(heap->normal[k] / (length > 0 ? sqrt(length) : 1));
+        source.flux[k] = (float)heap->flux[k];
+    }
+    return source;
+}
+
+/* Sum up a set; numbers[i] becomes the number in `to` of source i of `from`. */
+static int merge_set(const struct source_set *from, double size, double point_mm,
+                     struct source_set *to, uint32_t *numbers)
+{
+    struct merge merge = {.from = from, .size = size, .point_mm = point_mm, .numbers = numbers};
+    int status = group(&merge);
+    if (status == 0) {
+        to->count = merge.groups.count;
+        to->list = calloc(to->count + 1, sizeof *to->list);
+        status = to->list ? 0 : -1;
+    }
+    for (size_t i = 0; status == 0 && i < to->count; i++) {
+        to->list[i] = source_of(&merge.heaps[i], point_mm);
+    }
+    groups_end(&merge.groups);
+    free(merge.heaps);
+    return status;
+}
+
+/* The lit samples, those close together behind each other. */
+static int take_samples(struct source_set *set, const struct light_samples *samples)
+{
+    uint32_t *order = calloc(samples->count + 1, sizeof *order);
+    set->list = calloc(samples->count + 1, sizeof *set->list);
+    for (size_t i = 0; order && set->list && i < samples->count; i++) {
+        if (brightness(samples->list[i].flux) > 0) {
+            order[set->count++] = (uint32_t)i;
+        }
+    }
+    if (!order || !set->list ||
+        (set->count > 0 &&
+         bundles_order(samples->list[0].position, sizeof *samples->list / sizeof(float), order,
+                       set->count) != 0)) {
+        free(order);
+        return -1;
+    }
+    for (size_t i = 0; i < set->count; i++) {
+        const struct light_sample *sample = &samples->list[order[i]];
+        struct source *source = &set->list[i];
+        *source = (struct source){
+            .x = sample->x, .y = sample->y, .chart = sample->chart, .texel = sample->texel};
+        memcpy(source->position, sample->position, sizeof source->position);
+        memcpy(source->normal, sample->normal, sizeof source->normal);
+        memcpy(source->flux, sample->flux, sizeof source->flux);
+    }
+    free(order);
+    return 0;
+}
+
+/* F U of one surface point, times flux[3], added to a moment. */
+static void add_texel(const struct appearance *appearance, size_t texel, const float flux[3],
+                      float *moment)
+{
+    size_t terms = (size_t)appearance->terms, planes = (size_t)appearance->factor_channels;
+    size_t parts = (size_t)appearance->basis.parts, mixed = (size_t)appearance->mixed;
+    const float *f = appearance->f + texel * planes * terms;
+    const float *red = f, *green = f + (planes == 3 ? terms : 0), *blue = f + (planes - 1) * terms;
+    if (appearance->layout == NACRE_KERNEL_PER_TERM) {
+        for (size_t t = 0; t < terms; t++) {
+            moment[t * 4] += flux[0] * red[t];
+            moment[t * 4 + 1] += flux[1] * green[t];
+            moment[t * 4 + 2] += flux[2] * blue[t];
+        }
+        return;
+    }
+    for (size_t r = 0; r < parts; r++) {
+        float share[3] = {0};
+        for (size_t a = 0; a < mixed; a++) {
+            size_t place = texel * mixed + a;
+            const float *u =
+                appearance->basis.share + ((size_t)appearance->ids[place] * parts + r) * 4;
+            for (size_t c = 0; c < 3; c++) {
+                share[c] += appearance->weights[place] * u[c] * flux[c];
+            }
+        }
+        float *row = moment + r * terms * 4;
+        for (size_t t = 0; t < terms; t++) {
+            row[t * 4] += share[0] * red[t];
+            row[t * 4 + 1] += share[1] * green[t];
+            row[t * 4 + 2] += share[2] * blue[t];
+        }
+    }
+}
+
+static float *new_moments(size_t count, size_t size)
+{
+    size_t bytes = (count * size * sizeof(float) / 64 + 1) * 64;
+    float *moments = aligned_alloc(64, bytes);
+    if (moments) {
+        memset(moments, 0, bytes);
+    }
+    return moments;
+}
+
+static void add_moment(const float *from, size_t size, float scale, float *to)
+{
+    for (size_t k = 0; k < size; k++) {
+        to[k] += scale * from[k];
+    }
+}
+
+static int sum_squares(struct sources *sources, const struct appearance *appearance, int index,
+                       double point_mm)
+{
+    const struct source_set *from = index > 0 ? &sources->squares[index - 1] : &sources->points;
+    struct source_set *to = &sources->squares[index];
+    uint32_t *numbers = calloc(from->count + 1, sizeof *numbers);
+    if (!numbers || merge_set(from, (double)(2 << index), point_mm, to, numbers) != 0) {
+        free(numbers);
+        return -1;
+    }
+    size_t size = sources->moment_size;
+    sources->moments[index] = new_moments(to->count, size);
+    for (size_t i = 0; sources->moments[index] && i < from->count; i++) {
+        float *moment = sources->moments[index] + numbers[i] * size;
+        if (index > 0) {
+            add_moment(sources->moments[index - 1] + i * size, size, 1, moment);
+        } else {
+            add_texel(appearance, from->list[i].texel, from->list[i].flux, moment);
+        }
+    }
+    free(numbers);
+    return sources->moments[index] ? 0 : -1;
+}
+
+/* Means over squares of the material; at the border of what there is of them. */
+static int fill_pyramid(struct sources *sources, const struct appearance *appearance, int index)
+{
+    const float white[3] = {1, 1, 1};
+    size_t side = (size_t)2 << index, size = sources->moment_size;
+    size_t width = (size_t)appearance->width, height = (size_t)appearance->height;
+    size_t columns = (width + side - 1) / side, rows = (height + side - 1) / side;
+    size_t finer = (width + side / 2 - 1) / (side / 2);
+    float *pyramid = sources->pyramid[index] = new_moments(columns * rows, size);
+    if (!pyramid) {
+        return -1;
+    }
+    for (size_t i = 0; i < columns * rows; i++) {
+        size_t x = i % columns * side, y = i / columns * side;
+        size_t right = x + side < width ? x + side : width;
+        size_t bottom = y + side < height ? y + side : height;
+        size_t step = index > 0 ? side / 2 : 1;
+        for (size_t v = y; v < bottom; v += step) {
+            for (size_t u = x; u < right; u += step) {
+                if (index == 0) {
+                    add_texel(appearance, v * width + u, white, pyramid + i * size);
+                    continue;
+                }
+                size_t wide = u + step < width ? step : width - u;
+                size_t high = v + step < height ? step : height - v;
+                add_moment(sources->pyramid[index - 1] + (v / step * finer + u / step) * size, size,
+                           (float)(wide * high), pyramid + i * size);
+            }
+        }
+        for (size_t k = 0; k < size; k++) {
+            pyramid[i * size + k] /= (float)((right - x) * (bottom - y));
+        }
+    }
+    return 0;
+}
+
+int sources_make(struct sources *sources, const struct light_samples *samples,
+                 const struct appearance *appearance, const struct levels *levels, double point_mm,
+                 struct nacre_error *error)
+{
+    size_t parts =
+        appearance->layout == NACRE_KERNEL_PER_TERM ? 1 : (size_t)appearance->basis.parts;
+    *sources = (struct sources){.moment_size = parts * (size_t)appearance->terms * 4};
+    int status = take_samples(&sources->samples, samples);
+    if (status == 0 && levels->merges) {
+        uint32_t *numbers = calloc(sources->samples.count + 1, sizeof *numbers);
+        status =
+            numbers ? merge_set(&sources->samples, 1, point_mm, &sources->points, numbers) : -1;
+        free(numbers);
+    }
+    for (int i = 0; status == 0 && i < levels->count; i++) {
+        status = sum_squares(sources, appearance, i, point_mm);
+        if (status == 0) {
+            status = fill_pyramid(sources, appearance, i);
+        }
+    }
+    if (status != 0) {
+        sources_finish(sources);
+        return nacre_fail_memory(error, "summing up the light samples");
+    }
+    return NACRE_OK;
+}
+
+void sources_finish(struct sources *sources)
+{
+    free(sources->samples.list);
+    free(sources->points.list);
+    for (int i = 0; i < LEVELS_MAXIMUM; i++) {
+        free(sources->squares[i].list);
+        free(sources->moments[i]);
+        free(sources->pyramid[i]);
+    }
+    *sources = (struct sources){0};
+}

@@ -1,0 +1,43 @@
+/* Light samples, summed up by surface points of the material and by squares of 2, 4, 8 and 16 of them.
+ *
+ * A square's light is held as moments: for each basis kernel and term sum flux F U (basis.h), at its mean place. The
+ * pyramid has the material's mean F U over its own squares, for light that falls across a cut in the texture. */
+#ifndef RENDER_SOURCES_H
+#define RENDER_SOURCES_H
+
+#include "nacre/error.h"
+#include "render/appearance.h"
+#include "render/levels.h"
+#include "render/samples.h"
+
+#include <stddef.h>
+#include <stdint.h>
+
+/* Read by gather.cl, too. */
+struct source {
+    float position[3], x, y, flux[3], normal[3];
+    float variance; /* of the place along the surface, along each axis, points^2 */
+    int32_t chart;
+    uint32_t texel;
+    uint32_t unused[2];
+};
+
+struct source_set {
+    size_t count;
+    struct source *list; /* those that follow each other are close together */
+};
+
+struct sources {
+    struct source_set samples, points, squares[LEVELS_MAXIMUM];
+    size_t moment_size; /* floats: [parts][terms][4], with a kernel per term [terms][4] */
+    float *moments[LEVELS_MAXIMUM]; /* of the squares */
+    float *pyramid[LEVELS_MAXIMUM]; /* [height / 2^(i + 1)][width / 2^(i + 1)], rounded up */
+};
+
+/* Sum up the samples that carry flux as far as the levels ask for it. */
+int sources_make(struct sources *sources, const struct light_samples *samples,
+                 const struct appearance *appearance, const struct levels *levels, double point_mm,
+                 struct nacre_error *error);
+void sources_finish(struct sources *sources);
+
+#endif
