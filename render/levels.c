@@ -103,21 +103,25 @@ static int cut_kernels(struct level *level, const struct appearance *appearance,
     return NACRE_OK;
 }
 
-/* Second differences over `step` places, of entries of `entry` floats: half their sum, times scale, added to `to`. */
+/* Second differences over `step` places, of entries of `entry` floats: their sum, times scale, added to `to`. Beyond the
+ * window a kernel is taken to go on level: its edge is none that summing up moves light across. */
 static void add_bends(const float *from, size_t side, size_t entry, size_t step, double scale,
                       float *to)
 {
-    double factor = scale / (double)(step * step);
+    float factor = (float)(scale / (double)(step * step));
     for (size_t i = 0; i < side * side; i++) {
         size_t x = i % side, y = i / side;
+        if (x < 1 || y < 1 || x + 1 >= side || y + 1 >= side) {
+            continue;
+        }
         const float *here = from + i * entry;
+        const float *around[4] = {x > step ? here - step * entry : here,
+                                  x + step + 1 < side ? here + step * entry : here,
+                                  y > step ? here - step * side * entry : here,
+                                  y + step + 1 < side ? here + step * side * entry : here};
         for (size_t k = 0; k < entry; k++) {
-            double sum = -4 * (double)here[k];
-            sum += x >= step ? (double)here[k - step * entry] : 0;
-            sum += x + step < side ? (double)here[k + step * entry] : 0;
-            sum += y >= step ? (double)*(here + k - step * side * entry) : 0;
-            sum += y + step < side ? (double)here[k + step * side * entry] : 0;
-            to[i * entry + k] += (float)(factor * sum);
+            to[i * entry + k] += factor * (around[0][k] + around[1][k] + around[2][k] +
+                                           around[3][k] - 4 * here[k]);
         }
     }
 }

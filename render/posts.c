@@ -12,6 +12,10 @@
  * parted by place in space. */
 static const double widest = 3.7, straightest = 0.8;
 
+/* Posts stand off the middles of the squares of their own size by this share of one, along both axes: what a sum over a
+ * lattice of squares has too much at their middles it has too little between them, and nothing here. */
+static const double shift = 0.25;
+
 /* Sums over a post's receivers. */
 struct heap {
     double weight;
@@ -31,8 +35,8 @@ struct lattice {
 
 static struct group_key key_of(const struct lattice *lattice, const struct receiver *r, size_t k)
 {
-    double x = floor((double)r->along_x[3] / lattice->spacing) + (double)(k % 3) - 1;
-    double y = floor((double)r->along_y[3] / lattice->spacing) + (double)(k / 3) - 1;
+    double x = floor((double)r->along_x[3] / lattice->spacing - shift) + (double)(k % 3) - 1;
+    double y = floor((double)r->along_y[3] / lattice->spacing - shift) + (double)(k / 3) - 1;
     int32_t kind =
         (r->column * 64 + r->chart) * 4 + (r->flip_x < 0 ? 2 : 0) + (r->flip_y < 0 ? 1 : 0);
     return (struct group_key){kind, (int32_t)fmin(fmax(x, -1e9), 1e9),
@@ -41,7 +45,7 @@ static struct group_key key_of(const struct lattice *lattice, const struct recei
 
 static void weigh(double place, double spacing, double weights[3])
 {
-    double t = place / spacing, u = t - floor(t) - 0.5;
+    double t = place / spacing - shift, u = t - floor(t) - 0.5;
     weights[0] = (0.5 - u) * (0.5 - u) / 2;
     weights[1] = 0.75 - u * u;
     weights[2] = (0.5 + u) * (0.5 + u) / 2;
@@ -93,8 +97,8 @@ static void place_post(const struct lattice *lattice, struct heap *heap, const s
                        size_t k, struct receiver *post)
 {
     struct group_key key = key_of(lattice, r, k);
-    double scale = 1 / heap->weight, x = (key.x + 0.5) * lattice->spacing,
-           y = (key.y + 0.5) * lattice->spacing;
+    double scale = 1 / heap->weight, x = (key.x + 0.5 + shift) * lattice->spacing,
+           y = (key.y + 0.5 + shift) * lattice->spacing;
     struct vec3 along_x = vec3_scale(heap->along_x, scale),
                 along_y = vec3_scale(heap->along_y, scale);
     struct vec3 position = vec3_scale(heap->position, scale);

@@ -1,6 +1,6 @@
 /* Posts: places on a lattice over the texture at which light is summed up for all receivers around them.
  *
- * A lattice of spacing s has posts at (k + 1/2) s. A receiver takes the sums of the 3 x 3 posts around it by quadratic
+ * A lattice of spacing s has posts at (k + 3/4) s. A receiver takes the sums of the 3 x 3 posts around it by quadratic
  * B-splines, whose weights sum to 1: so nothing jumps, and what they blur (variance s^2 / 4) the kernels are corrected for.
  * A post is placed and turned as the receivers around it are, whose mean place in the texture need not be its own. Posts of
  * one lattice are the receivers of the next, coarser one. */
