@@ -62,7 +62,7 @@ struct bundle_box bundles_box(const float *positions, size_t stride, const uint3
                              {-HUGE_VALF, -HUGE_VALF, -HUGE_VALF}};
     for (size_t i = 0; i < count; i++) {
         for (int k = 0; k < 3; k++) {
-            float value = positions[(size_t)order[i] * stride + (size_t)k];
+            float value = positions[(order ? order[i] : i) * stride + (size_t)k];
             box.low[k] = fminf(box.low[k], value);
             box.high[k] = fmaxf(box.high[k], value);
         }
@@ -77,17 +77,6 @@ double bundles_gap(const struct bundle_box *a, const struct bundle_box *b)
         double away = fmax(
             fmax((double)a->low[k] - (double)b->high[k], (double)b->low[k] - (double)a->high[k]),
             0);
-        square += away * away;
-    }
-    return sqrt(square);
-}
-
-double bundles_span(const struct bundle_box *a, const struct bundle_box *b)
-{
-    double square = 0;
-    for (int k = 0; k < 3; k++) {
-        double away =
-            fmax((double)a->high[k] - (double)b->low[k], (double)b->high[k] - (double)a->low[k]);
         square += away * away;
     }
     return sqrt(square);

@@ -17,14 +17,11 @@ void bundles_sort(const float *positions, size_t stride, uint32_t *order, size_t
  * when memory ran out. */
 int bundles_order(const float *positions, size_t stride, uint32_t *order, size_t count);
 
-/* The box of some of the points. */
+/* The box of some of the points; with no order, of the first. */
 struct bundle_box bundles_box(const float *positions, size_t stride, const uint32_t *order,
                               size_t count);
 
 /* The distance between two boxes; 0 where they meet. */
 double bundles_gap(const struct bundle_box *a, const struct bundle_box *b);
-
-/* No point of one box is farther from one of the other. */
-double bundles_span(const struct bundle_box *a, const struct bundle_box *b);
 
 #endif

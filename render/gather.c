@@ -7,6 +7,7 @@
 #include "render/reach.h"
 #include "render/sources.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -25,11 +26,14 @@ enum {
 struct device_bundle {
     float fields[FIELDS][LANES];
     int32_t chart[LANES], column[LANES], index[LANES];
+    float low[4], high[4];
+    float unused[8];
 };
 
 struct device_ring {
     float inner_square, outer_square; /* mm^2 */
     int32_t side, level;
+    float rise_from, rise_steepness, fall_from, fall_steepness;
 };
 
 /* A lattice of posts, or the vertices. */
@@ -196,6 +200,13 @@ static void set_bundles(struct arguments *arguments, const struct stage *stage)
     for (size_t i = 0; i < count * LANES; i++) {
         uint32_t index = stage->bundles.order[i];
         fill_lane(&stage->receivers[index], index, i % LANES, &list[i / LANES]);
+        if (i % LANES == 0) {
+            const struct bundle_box *box = &stage->bundles.boxes[i / LANES];
+            memset(list[i / LANES].low, 0, sizeof list->low);
+            memset(list[i / LANES].high, 0, sizeof list->high);
+            memcpy(list[i / LANES].low, box->low, sizeof box->low);
+            memcpy(list[i / LANES].high, box->high, sizeof box->high);
+        }
     }
     set_memory(arguments,
                share(arguments->run, list, count * sizeof *list, list, arguments->error));
@@ -242,17 +253,17 @@ static void set_factors(struct arguments *arguments)
     set_shared(arguments, a->weights, mixed * sizeof *a->weights);
 }
 
-/* The runs of sources in the reach of a stage, and the sources. */
+/* The runs of sources in the reach of a stage, from `inner` to `outer` surface points, and the sources. */
 static void set_runs(struct arguments *arguments, const struct stage *stage,
-                     const struct source_set *sources, const struct level *level,
+                     const struct source_set *sources, double inner, double outer,
                      struct reach *reach)
 {
-    double point = arguments->run->gather->mapping->point_mm;
-    double corner = (arguments->run->gather->appearance->window / 2 + 1) * 1.4142136 * point;
-    double outer = level->outer * point < corner ? level->outer * point : corner;
+    const struct gather *gather = arguments->run->gather;
+    double point = gather->mapping->point_mm;
+    double corner = (gather->appearance->window / 2 + 1) * 1.4142136; /* NOLINT: K is odd */
     if (arguments->status == NACRE_OK) {
-        arguments->status = reach_make(reach, &stage->bundles, sources, level->inner * point, outer,
-                                       arguments->error);
+        arguments->status = reach_make(reach, &stage->bundles, sources, inner * point,
+                                       fmin(outer, corner) * point, arguments->error);
     }
     if (arguments->status != NACRE_OK) {
         return;
@@ -264,12 +275,38 @@ static void set_runs(struct arguments *arguments, const struct stage *stage,
     set_number(arguments, sources->count);
 }
 
-static void set_ring(struct arguments *arguments, const struct level *level, int squares)
+/* A ring of samples or points, windowed where it is read. */
+static void set_near(struct arguments *arguments, const struct stage *stage,
+                     const struct source_set *sources, struct ring ring, struct reach *reach)
+{
+    double point = arguments->run->gather->mapping->point_mm, inner = LEVELS_RISE * ring.begin;
+    struct device_ring out = {.inner_square = (float)(inner * inner * point * point),
+                              .outer_square = (float)(ring.end * ring.end * point * point),
+                              .side = arguments->run->levels.near_side,
+                              .rise_from = -1, /* has risen */
+                              .rise_steepness = 1,
+                              .fall_from = HUGE_VALF,
+                              .fall_steepness = 1};
+    if (ring.begin > 0) {
+        out.rise_from = (float)inner;
+        out.rise_steepness = (float)(1 / (ring.begin - inner));
+    }
+    if (isfinite(ring.end)) {
+        out.fall_from = (float)(LEVELS_RISE * ring.end);
+        out.fall_steepness = (float)(1 / ((1 - LEVELS_RISE) * ring.end));
+    }
+    set_runs(arguments, stage, sources, inner, ring.end, reach);
+    set(arguments, &out, sizeof out);
+}
+
+static void set_far(struct arguments *arguments, const struct level *level, int number)
 {
     double point = arguments->run->gather->mapping->point_mm;
     double inner = level->inner * point, outer = level->outer * point;
-    struct device_ring ring = {(float)(inner * inner), (float)(outer * outer), level->side,
-                               squares};
+    struct device_ring ring = {.inner_square = (float)(inner * inner),
+                               .outer_square = (float)(outer * outer),
+                               .side = arguments->run->gather->appearance->window + 2,
+                               .level = number};
     set(arguments, &ring, sizeof ring);
 }
 
@@ -285,12 +322,6 @@ static void set_links(struct arguments *arguments, const struct stage *stage, cl
     set_shared(arguments, stage->posts.links, links * sizeof *stage->posts.links);
     set_shared(arguments, stage->posts.weights, links * sizeof *stage->posts.weights);
     set_number(arguments, sums != NULL);
-}
-
-static size_t table_size(const struct appearance *a, const struct level *level)
-{
-    size_t kernels = (size_t)(a->layout == NACRE_KERNEL_PER_TERM ? a->terms : a->kernel_count);
-    return kernels * (size_t)level->side * (size_t)level->side * 4 * sizeof(float);
 }
 
 static int launch(struct arguments *arguments, size_t count, struct progress *progress)
@@ -337,16 +368,17 @@ static int gather_squares(struct run *run, int number, struct progress *progress
     size_t size = run->sources.moment_size * sizeof(float), square = (size_t)1 << number;
     size_t blocks =
         (((size_t)a->width + square - 1) / square) * (((size_t)a->height + square - 1) / square);
-    size_t table = (size_t)a->basis.columns * (size_t)level->side * (size_t)level->side *
-                   (size_t)a->basis.parts * 4 * sizeof(float);
+    size_t side = (size_t)a->window + 2;
+    size_t table =
+        (size_t)a->basis.columns * side * side * (size_t)a->basis.parts * 4 * sizeof(float);
     run->sums[number] =
         share(run, NULL, stage->count * (size_t)a->terms * 4 * sizeof(float), NULL, error);
     set_bundles(&arguments, stage);
-    set_runs(&arguments, stage, squares, level, &run->reaches[number + 1]);
+    set_runs(&arguments, stage, squares, level->inner, level->outer, &run->reaches[number + 1]);
     set_shared(&arguments, run->sources.moments[number - 1], squares->count * size);
     set_shared(&arguments, level->table, table);
     set_shared(&arguments, run->sources.pyramid[number - 1], blocks * size);
-    set_ring(&arguments, level, number);
+    set_far(&arguments, level, number);
     set_links(&arguments, stage, number < run->levels.count ? run->sums[number + 1] : NULL);
     set_memory(&arguments, run->sums[number]);
     return launch(&arguments, stage->bundles.count, progress);
@@ -358,18 +390,17 @@ static int gather_vertices(struct run *run, cl_mem out, struct progress *progres
     const struct appearance *a = run->gather->appearance;
     const struct stage *stage = &run->stages[0];
     const struct levels *levels = &run->levels;
-    const struct level *points = levels->merges ? &levels->points : &levels->samples;
+    size_t side = (size_t)levels->near_side;
+    size_t kernels = (size_t)(a->layout == NACRE_KERNEL_PER_TERM ? a->terms : a->kernel_count);
+    size_t table = kernels * side * side * 4 * sizeof(float);
     struct arguments arguments = {
         .run = run, .kernel = run->gather_kernel, .count = 1, .error = error};
     set_bundles(&arguments, stage);
     set_h(&arguments);
-    set_runs(&arguments, stage, &run->sources.samples, &levels->samples, &run->reaches[0]);
-    set_shared(&arguments, levels->samples.table, table_size(a, &levels->samples));
-    set_ring(&arguments, &levels->samples, 0);
-    set_runs(&arguments, stage, &run->sources.points, points, &run->reaches[1]);
-    set_shared(&arguments, points->table, table_size(a, points));
-    set_shared(&arguments, levels->bends, levels->merges ? table_size(a, points) : 0);
-    set_ring(&arguments, points, 0);
+    set_near(&arguments, stage, &run->sources.samples, levels->samples, &run->reaches[0]);
+    set_near(&arguments, stage, &run->sources.points, levels->points, &run->reaches[1]);
+    set_shared(&arguments, levels->near, table);
+    set_shared(&arguments, levels->bends, levels->merges ? table : 0);
     set_factors(&arguments);
     set_links(&arguments, stage, levels->count > 0 ? run->sums[1] : NULL);
     set_memory(&arguments, out);

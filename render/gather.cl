@@ -45,6 +45,7 @@
 struct bundle {
     float16 px, py, pz, ax, ay, az, bx, by, bz, nx, ny, nz, x, y, flip_x, flip_y;
     int16 chart, column, index;
+    float low[4], high[4]; /* box around them; the last ones are 0 */
 };
 
 struct source {
@@ -53,15 +54,17 @@ struct source {
     uint texel, unused[2];
 };
 
-/* A ring of kernels: the side of their tables, and within which distances (mm) it has light. */
+/* A ring of kernels: within which distances (mm) it has light; the side of the tables; squares are of 2^level points.
+ * Where tables are not windowed: it rises from and falls from a distance (points), over that below 1 / steepness. */
 struct ring {
     float inner_square, outer_square;
-    int side, level; /* squares of 2^level points */
+    int side, level;
+    float rise_from, rise_steepness, fall_from, fall_steepness;
 };
 
 /* Where the kernels are read: the offset's whole part and fraction in a table. */
 struct offsets {
-    float16 dx, dy, fx, fy;
+    float16 dx, dy, fx, fy, square; /* mm^2 */
     int16 inside, place, foreign;
 };
 
@@ -78,6 +81,7 @@ struct offsets offsets_from(const struct bundle *to, __global const struct sourc
     struct offsets o;
     float16 ox = to->px - from->px, oy = to->py - from->py, oz = to->pz - from->pz;
     float16 square = fma(ox, ox, fma(oy, oy, oz * oz));
+    o.square = square;
     o.inside = (square >= ring->inner_square) & (square < ring->outer_square);
     if (SAME_SIDE) {
         o.inside &= fma(to->nx, from->nx, fma(to->ny, from->ny, to->nz * from->nz)) > 0;
@@ -107,6 +111,27 @@ struct offsets offsets_from(const struct bundle *to, __global const struct sourc
     o.foreign = (to->chart != from->chart) | (fabs(to->x - from->x) > HALF_WINDOW) |
                 (fabs(to->y - from->y) > HALF_WINDOW);
     return o;
+}
+
+/* From 0 to 1, as levels.c has it. */
+float16 rise(float16 r, float from, float steepness)
+{
+    float16 t = clamp((r - from) * steepness, (float16)0, (float16)1);
+    return t * t * t * fma(t, fma((float16)6, t, (float16)-15), (float16)10);
+}
+
+float16 window(const struct offsets *o, const struct ring *ring)
+{
+    float16 r = sqrt(o->square) * (1 / POINT_MM);
+    return rise(r, ring->rise_from, ring->rise_steepness) * (1 - rise(r, ring->fall_from, ring->fall_steepness));
+}
+
+/* Whether a source is too far from all of the receivers. */
+bool out_of_reach(const struct bundle *to, __global const struct source *from, const struct ring *ring)
+{
+    float4 place = (float4)(from->px, from->py, from->pz, 0);
+    float4 away = fmax(fmax(vload4(0, to->low) - place, place - vload4(0, to->high)), (float4)0);
+    return dot(away, away) >= ring->outer_square;
 }
 
 float4 fold(float16 v)
@@ -196,11 +221,15 @@ void add_near(const struct bundle *to, size_t index, const struct runs *runs, co
         uint begin = runs->list[i] * LANES, end = min(begin + LANES, runs->count);
         for (uint s = begin; s < end; s++) {
             __global const struct source *from = runs->sources + s;
+            if (out_of_reach(to, from, ring)) {
+                continue;
+            }
             struct offsets o = offsets_from(to, from, ring);
             if (!any(o.inside)) {
                 continue;
             }
             float4 flux = (float4)(from->red, from->green, from->blue, 0);
+            float16 share = window(&o, ring);
             for (int j = 0; j < LANES; j++) {
                 if (LANE(o.inside, int, j)) {
                     struct sight at = {from->texel, LANE(to->column, int, j), LANE(o.place, int, j), ring->side,
@@ -209,7 +238,7 @@ void add_near(const struct bundle *to, size_t index, const struct runs *runs, co
                         int2 seen = seen_point(to, &o, j);
                         at.texel = seen.x * WIDTH + seen.y;
                     }
-                    sums[j] += flux * response(&at, factors, h + j * TERMS4, kernels, bends, ids, weights);
+                    sums[j] += LANE(share, float, j) * flux * response(&at, factors, h + j * TERMS4, kernels, bends, ids, weights);
                 }
             }
         }
@@ -273,6 +302,9 @@ __kernel void gather_squares(uint first, __global const struct bundle *bundles, 
         uint begin = list[i] * LANES, end = min(begin + LANES, count);
         for (uint s = begin; s < end; s++) {
             __global const struct source *from = squares + s;
+            if (out_of_reach(&to, from, &ring)) {
+                continue;
+            }
             struct offsets o = offsets_from(&to, from, &ring);
             if (!any(o.inside)) {
                 continue;
@@ -308,10 +340,9 @@ __kernel void gather_squares(uint first, __global const struct bundle *bundles, 
 /* 16 vertices a work item: out[vertex] is what leaves there. */
 __kernel void gather(uint first, __global const struct bundle *bundles, __global const float16 *bundle_h,
                      __global const uint *sample_starts, __global const uint *sample_list,
-                     __global const struct source *samples, uint sample_count, __global const float4 *sample_kernels,
-                     struct ring sample_ring, __global const uint *point_starts, __global const uint *point_list,
-                     __global const struct source *points, uint point_count, __global const float4 *point_kernels,
-                     __global const float4 *bends, struct ring point_ring, __global const float16 *factors,
+                     __global const struct source *samples, uint sample_count, struct ring sample_ring, __global const uint *point_starts, __global const uint *point_list,
+                     __global const struct source *points, uint point_count, struct ring point_ring,
+                     __global const float4 *kernels, __global const float4 *bends, __global const float16 *factors,
                      __global const uint *ids, __global const float *weights, __global const float16 *posts,
                      __global const uint *links, __global const float *shares, int linked, __global float4 *out)
 {
@@ -323,10 +354,10 @@ __kernel void gather(uint first, __global const struct bundle *bundles, __global
         sums[j] = 0;
     }
     const struct runs one_by_one = {sample_starts, sample_list, samples, sample_count};
-    add_near(&to, index, &one_by_one, &sample_ring, sums, factors, h, sample_kernels, 0, ids, weights);
+    add_near(&to, index, &one_by_one, &sample_ring, sums, factors, h, kernels, 0, ids, weights);
     if (point_count > 0) {
         const struct runs by_points = {point_starts, point_list, points, point_count};
-        add_near(&to, index, &by_points, &point_ring, sums, factors, h, point_kernels, bends, ids, weights);
+        add_near(&to, index, &by_points, &point_ring, sums, factors, h, kernels, bends, ids, weights);
     }
     for (int j = 0; j < LANES; j++) {
         size_t receiver = LANE(to.index, int, j);

@@ -5,9 +5,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* A ring sets in between this share of a radius and all of it. */
-static const double rise_share = 0.45;
-
 /* Errors of pairs have either sign, and light around a place cancels most of them: what is seen is this share of the
  * sum of their bounds (tests/bench/bench_render). */
 static const double seen_share = 0.005;
@@ -19,15 +16,10 @@ static double rise(double r, double from, double to)
     return t * t * t * (10 + t * (6 * t - 15));
 }
 
-/* Where a ring sets in, and where the next one takes over: HUGE_VAL for none. */
-struct ring {
-    double begin, end;
-};
-
 static double window(struct ring ring, double r)
 {
-    double value = ring.begin > 0 ? rise(r, rise_share * ring.begin, ring.begin) : 1;
-    return isfinite(ring.end) ? value * (1 - rise(r, rise_share * ring.end, ring.end)) : value;
+    double value = ring.begin > 0 ? rise(r, LEVELS_RISE * ring.begin, ring.begin) : 1;
+    return isfinite(ring.end) ? value * (1 - rise(r, LEVELS_RISE * ring.end, ring.end)) : value;
 }
 
 static double offset_of(size_t place, int side)
@@ -59,46 +51,34 @@ static double estimate_squares(const struct basis *basis, double first)
     return seen_share * sum;
 }
 
-static void free_level(struct level *level)
-{
-    free(level->owned);
-    *level = (struct level){0};
-}
-
-/* Cut a ring out of kernels of one sample, or of a surface point's light. */
-static int cut_kernels(struct level *level, const struct appearance *appearance, struct ring ring,
+/* The near part of the kernels. */
+static int cut_kernels(struct levels *levels, const struct appearance *appearance,
                        struct nacre_error *error)
 {
     size_t full = (size_t)appearance->window + 2;
     int half = appearance->window / 2 + 1;
     bool per_term = appearance->layout == NACRE_KERNEL_PER_TERM;
-    *level = (struct level){.outer = HUGE_VAL, .side = (int)full, .table = appearance->kernels};
-    if (!(ring.begin > 0) && !isfinite(ring.end) && !per_term) { /* per term: aligned */
+    double reach = levels->merges ? levels->points.end : levels->samples.end;
+    levels->near_side = (int)full;
+    levels->near = appearance->kernels;
+    if (!isfinite(reach) && !per_term) { /* per term: aligned */
         return NACRE_OK;
     }
-    if (isfinite(ring.end)) {
-        half = (int)fmin(half, ceil(ring.end) + 1);
-        level->outer = ring.end + 2.5;
-    }
-    level->inner = fmax(rise_share * ring.begin - 2.5, 0);
-    level->side = 2 * half + 1;
-    size_t side = (size_t)level->side, skip = full / 2 - (size_t)half;
+    half = (int)fmin(half, ceil(fmin(reach, half)) + 2);
+    levels->near_side = 2 * half + 1;
+    size_t side = (size_t)levels->near_side, skip = full / 2 - (size_t)half;
     size_t kernels = (size_t)(per_term ? 1 : appearance->kernel_count);
-    size_t entry = per_term ? (size_t)appearance->terms * 4 : 4;
-    level->owned =
-        aligned_alloc(64, (kernels * side * side * entry * sizeof *level->owned + 63) / 64 * 64);
-    if (!level->owned) {
+    size_t entry = per_term ? (size_t)appearance->terms * 4 : 4, row = side * entry;
+    levels->near_owned =
+        aligned_alloc(64, (kernels * side * row * sizeof *levels->near + 63) / 64 * 64);
+    if (!levels->near_owned) {
         return nacre_fail_memory(error, "the material's kernels");
     }
-    level->table = level->owned;
-    for (size_t i = 0; i < kernels * side * side; i++) {
-        size_t kernel = i / (side * side), place = i % (side * side);
-        size_t row = place / side + skip, column = place % side + skip;
-        const float *from = appearance->kernels + ((kernel * full + row) * full + column) * entry;
-        double value = window(ring, offset_of(place, level->side));
-        for (size_t k = 0; k < entry; k++) {
-            level->owned[i * entry + k] = (float)(value * from[k]);
-        }
+    levels->near = levels->near_owned;
+    for (size_t i = 0; i < kernels * side; i++) {
+        size_t from = (i / side * full + i % side + skip) * full + skip;
+        memcpy(levels->near_owned + i * row, appearance->kernels + from * entry,
+               row * sizeof(float));
     }
     return NACRE_OK;
 }
@@ -120,8 +100,8 @@ static void add_bends(const float *from, size_t side, size_t entry, size_t step,
                                   y > step ? here - step * side * entry : here,
                                   y + step + 1 < side ? here + step * side * entry : here};
         for (size_t k = 0; k < entry; k++) {
-            to[i * entry + k] += factor * (around[0][k] + around[1][k] + around[2][k] +
-                                           around[3][k] - 4 * here[k]);
+            to[i * entry + k] +=
+                factor * (around[0][k] + around[1][k] + around[2][k] + around[3][k] - 4 * here[k]);
         }
     }
 }
@@ -130,7 +110,7 @@ static int bend_points(struct levels *levels, const struct appearance *appearanc
                        struct nacre_error *error)
 {
     bool per_term = appearance->layout == NACRE_KERNEL_PER_TERM;
-    size_t side = (size_t)levels->points.side;
+    size_t side = (size_t)levels->near_side;
     size_t kernels = (size_t)(per_term ? 1 : appearance->kernel_count);
     size_t entry = per_term ? (size_t)appearance->terms * 4 : 4, size = side * side * entry;
     size_t bytes = (kernels * size * sizeof *levels->bends + 63) / 64 * 64;
@@ -140,12 +120,13 @@ static int bend_points(struct levels *levels, const struct appearance *appearanc
     }
     memset(levels->bends, 0, bytes);
     for (size_t j = 0; j < kernels; j++) {
-        add_bends(levels->points.table + j * size, side, entry, 1, 0.5, levels->bends + j * size);
+        add_bends(levels->near + j * size, side, entry, 1, 0.5, levels->bends + j * size);
     }
     return NACRE_OK;
 }
 
-/* A ring of the basis kernels for squares of 2^(index + 1) points. */
+/* A ring of the basis kernels for squares of 2^(index + 1) points. The nearer rings' windows are exact where kernels are
+ * read between surface points, this one's is read between them itself: to second order the difference is taken away. */
 static int cut_basis(struct levels *levels, const struct appearance *appearance, int index,
                      struct ring ring, struct nacre_error *error)
 {
@@ -158,27 +139,31 @@ static int cut_basis(struct levels *levels, const struct appearance *appearance,
         variance += s / 4; /* of the interpolation from this level down to the vertices */
     }
     variance -= square / 12; /* of light spread over the square */
-    float *cut = malloc(size * sizeof *cut);
-    *level =
-        (struct level){.inner = fmax(rise_share * ring.begin - 1.5 - 1.5 * (double)step, 0),
-                       .outer = isfinite(ring.end) ? ring.end + 1.5 + 1.5 * (double)step : HUGE_VAL,
-                       .side = (int)side};
-    level->table = level->owned =
-        aligned_alloc(64, ((size_t)basis->columns * size * sizeof *cut + 63) / 64 * 64);
-    if (!cut || !level->owned) {
-        free(cut);
-        return nacre_fail_memory(error, "the material's kernels");
-    }
-    for (size_t b = 0; b < (size_t)basis->columns; b++) {
-        float *to = level->owned + b * size;
+    float *cut = malloc(size * sizeof *cut), *bend = malloc(size * sizeof *bend);
+    *level = (struct level){.inner = fmax(LEVELS_RISE * ring.begin - 0.5 - (double)step, 0),
+                            .outer = isfinite(ring.end) ? ring.end + 0.5 + (double)step : HUGE_VAL};
+    level->table = aligned_alloc(64, ((size_t)basis->columns * size * sizeof *cut + 63) / 64 * 64);
+    bool made = cut && bend && level->table;
+    for (size_t b = 0; made && b < (size_t)basis->columns; b++) {
+        const float *from = basis->table + b * size;
+        float *to = level->table + b * size;
+        memset(bend, 0, size * sizeof *bend);
+        if (index == 0) {
+            add_bends(from, side, entry, 1, 1.0 / 12, bend);
+        }
         for (size_t i = 0; i < size; i++) {
-            double value = window(ring, offset_of(i / entry, (int)side));
-            to[i] = cut[i] = (float)(value * basis->table[b * size + i]);
+            float value = (float)window(ring, offset_of(i / entry, (int)side));
+            cut[i] = value * from[i];
+            to[i] = cut[i] + value * bend[i];
+        }
+        if (index == 0) {
+            add_bends(cut, side, entry, 1, -1.0 / 12, to);
         }
         add_bends(cut, side, entry, step, -variance / 2, to);
     }
     free(cut);
-    return NACRE_OK;
+    free(bend);
+    return made ? NACRE_OK : nacre_fail_memory(error, "the material's kernels");
 }
 
 /* The smallest radius from which on squares may be used. */
@@ -207,12 +192,11 @@ int levels_make(struct levels *levels, const struct appearance *appearance, doub
         levels->estimate = seen_share * bound_of(basis, 1, first, HUGE_VAL);
         squares = choose_squares(levels, basis, half, tolerance);
     }
-    int status = cut_kernels(&levels->samples, appearance, (struct ring){0, merge}, error);
+    levels->samples = (struct ring){0, merge};
+    levels->points = (struct ring){merge, squares};
+    int status = cut_kernels(levels, appearance, error);
     if (status == NACRE_OK && levels->merges) {
-        status = cut_kernels(&levels->points, appearance, (struct ring){merge, squares}, error);
-        if (status == NACRE_OK) {
-            status = bend_points(levels, appearance, error);
-        }
+        status = bend_points(levels, appearance, error);
     }
     levels->estimate += isfinite(squares) ? estimate_squares(basis, squares) : 0;
     for (int i = 0; status == NACRE_OK && i < LEVELS_MAXIMUM && squares < 1.2 * half; i++) {
@@ -230,11 +214,10 @@ int levels_make(struct levels *levels, const struct appearance *appearance, doub
 
 void levels_finish(struct levels *levels)
 {
-    free_level(&levels->samples);
-    free_level(&levels->points);
+    free(levels->near_owned);
     free(levels->bends);
     for (int i = 0; i < LEVELS_MAXIMUM; i++) {
-        free_level(&levels->squares[i]);
+        free(levels->squares[i].table);
     }
     *levels = (struct levels){0};
 }

@@ -10,24 +10,35 @@
 #include "nacre/error.h"
 #include "render/appearance.h"
 
+#include <stdbool.h>
+
 enum { LEVELS_MAXIMUM = 4 };
 
-/* Kernels of one ring: no light comes from nearer than `inner` or from `outer` on, in surface points. */
+/* Where a ring sets in, having risen since LEVELS_RISE times as near, and where the next one has taken over, in surface
+ * points; 0 and HUGE_VAL where it is the first and the last. */
+struct ring {
+    double begin, end;
+};
+
+#define LEVELS_RISE 0.45
+
+/* Kernels for squares: no light comes from nearer than `inner` or from `outer` on. */
 struct level {
     double inner, outer;
-    int side; /* of the tables */
-    const float *table;
-    float *owned; /* the table, where it is not the appearance's */
+    float *table; /* as basis.table, of the ring */
 };
 
 struct levels {
-    /* As appearance.kernels. Light of a surface point, of variance v (points^2) along each axis, has kernel
-     * points.table + v bends. */
-    struct level samples, points;
+    struct ring samples, points;
+    bool merges; /* points are used */
+    /* As appearance.kernels, as far as samples and points need them: they are windowed where they are read. Light of a
+     * surface point, of variance v (points^2) along each axis, has kernel near + v bends. */
+    int near_side;
+    const float *near;
+    float *near_owned; /* where it is not the appearance's */
     float *bends;
-    bool merges;                          /* points are used */
     int count;                            /* of squares */
-    struct level squares[LEVELS_MAXIMUM]; /* of 2^(index + 1) points; as basis.table */
+    struct level squares[LEVELS_MAXIMUM]; /* of 2^(index + 1) points */
     double estimate;                      /* of the error that summing up makes, over all light */
 };
 

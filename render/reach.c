@@ -4,7 +4,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-enum { LANES = REACH_LANES, WIDE = 16 };
+enum { LANES = REACH_LANES, WIDE = 8, DEPTH = 12 };
 
 int reach_bundle(struct reach_bundles *bundles, const struct receiver *receivers, size_t count,
                  struct nacre_error *error)
@@ -38,10 +38,11 @@ void reach_bundles_finish(struct reach_bundles *bundles)
     *bundles = (struct reach_bundles){0};
 }
 
-/* Boxes of runs and of wide runs of WIDE runs each. */
+/* A tree over the runs: each level's boxes are round WIDE of the one before. */
 struct boxes {
-    size_t run_count, wide_count;
-    struct bundle_box *runs, *wide;
+    int depth;
+    size_t counts[DEPTH];
+    struct bundle_box *lists[DEPTH];
 };
 
 static struct bundle_box join(const struct bundle_box *boxes, size_t count)
@@ -56,60 +57,88 @@ static struct bundle_box join(const struct bundle_box *boxes, size_t count)
     return box;
 }
 
-static struct bundle_box box_of(const struct source *sources, size_t count)
+static size_t smaller(size_t a, size_t b)
 {
-    struct bundle_box box = {{HUGE_VALF, HUGE_VALF, HUGE_VALF},
-                             {-HUGE_VALF, -HUGE_VALF, -HUGE_VALF}};
-    for (size_t i = 0; i < count; i++) {
-        for (int k = 0; k < 3; k++) {
-            box.low[k] = fminf(box.low[k], sources[i].position[k]);
-            box.high[k] = fmaxf(box.high[k], sources[i].position[k]);
-        }
-    }
-    return box;
+    return a < b ? a : b;
 }
 
 static int boxes_make(struct boxes *boxes, const struct source_set *sources)
 {
-    boxes->run_count = (sources->count + LANES - 1) / LANES;
-    boxes->wide_count = (boxes->run_count + WIDE - 1) / WIDE;
-    boxes->runs = calloc(boxes->run_count + 1, sizeof *boxes->runs);
-    boxes->wide = calloc(boxes->wide_count + 1, sizeof *boxes->wide);
-    if (!boxes->runs || !boxes->wide) {
-        return -1;
-    }
-    for (size_t i = 0; i < boxes->run_count; i++) {
-        size_t left = sources->count - i * LANES;
-        boxes->runs[i] = box_of(sources->list + i * LANES, left < LANES ? left : LANES);
-    }
-    for (size_t i = 0; i < boxes->wide_count; i++) {
-        size_t left = boxes->run_count - i * WIDE;
-        boxes->wide[i] = join(boxes->runs + i * WIDE, left < WIDE ? left : WIDE);
+    size_t stride = sizeof *sources->list / sizeof(float);
+    *boxes = (struct boxes){.counts = {(sources->count + LANES - 1) / LANES}};
+    for (size_t count = boxes->counts[0]; boxes->depth < DEPTH; count = (count + WIDE - 1) / WIDE) {
+        struct bundle_box *list = calloc(count + 1, sizeof *list);
+        const struct bundle_box *finer = boxes->depth > 0 ? boxes->lists[boxes->depth - 1] : NULL;
+        size_t below = finer ? boxes->counts[boxes->depth - 1] : sources->count;
+        if (!list) {
+            return -1;
+        }
+        for (size_t i = 0; i < count; i++) {
+            list[i] = finer ? join(finer + i * WIDE, smaller(below - i * WIDE, WIDE))
+                            : bundles_box(sources->list[i * LANES].position, stride, NULL,
+                                          smaller(below - i * LANES, LANES));
+        }
+        boxes->lists[boxes->depth] = list;
+        boxes->counts[boxes->depth++] = count;
+        if (count <= WIDE) {
+            break;
+        }
     }
     return 0;
 }
 
-/* The runs of one bundle, counted, and written where `runs` is given. */
+static void boxes_finish(struct boxes *boxes)
+{
+    for (int i = 0; i < DEPTH; i++) {
+        free(boxes->lists[i]);
+    }
+}
+
+/* One bundle's search; runs is NULL where they are only counted. */
+struct search {
+    const struct boxes *boxes;
+    const struct bundle_box *bundle;
+    float inner_square, outer_square;
+    uint32_t *runs;
+    size_t count;
+};
+
+static void look(struct search *search, int depth, size_t begin, size_t end)
+{
+    const struct bundle_box *list = search->boxes->lists[depth], *b = search->bundle;
+    for (size_t i = begin; i < end; i++) {
+        float gap = 0, span = 0;
+        for (int k = 0; k < 3; k++) {
+            float below = b->low[k] - list[i].high[k], above = list[i].low[k] - b->high[k];
+            float away = below > above ? below : above, most = below < above ? below : above;
+            gap += away > 0 ? away * away : 0;
+            span += most * most;
+        }
+        if (gap >= search->outer_square || span < search->inner_square) {
+            continue;
+        }
+        if (depth > 0) {
+            look(search, depth - 1, i * WIDE,
+                 smaller((i + 1) * WIDE, search->boxes->counts[depth - 1]));
+            continue;
+        }
+        if (search->runs) {
+            search->runs[search->count] = (uint32_t)i;
+        }
+        search->count++;
+    }
+}
+
 static size_t find(const struct boxes *boxes, const struct bundle_box *bundle, double inner,
                    double outer, uint32_t *runs)
 {
-    size_t count = 0;
-    for (size_t i = 0; i < boxes->wide_count; i++) {
-        if (bundles_gap(&boxes->wide[i], bundle) >= outer) {
-            continue;
-        }
-        size_t end = (i + 1) * WIDE < boxes->run_count ? (i + 1) * WIDE : boxes->run_count;
-        for (size_t j = i * WIDE; j < end; j++) {
-            if (bundles_gap(&boxes->runs[j], bundle) < outer &&
-                bundles_span(&boxes->runs[j], bundle) > inner) {
-                if (runs) {
-                    runs[count] = (uint32_t)j;
-                }
-                count++;
-            }
-        }
-    }
-    return count;
+    struct search search = {.boxes = boxes,
+                            .bundle = bundle,
+                            .inner_square = (float)(inner * inner),
+                            .outer_square = (float)(outer * outer),
+                            .runs = runs};
+    look(&search, boxes->depth - 1, 0, boxes->counts[boxes->depth - 1]);
+    return search.count;
 }
 
 int reach_make(struct reach *reach, const struct reach_bundles *bundles,
@@ -139,8 +168,7 @@ int reach_make(struct reach *reach, const struct reach_bundles *bundles,
         (void)find(&boxes, &bundles->boxes[i], inner, outer, reach->runs + reach->starts[i]);
     }
 out:
-    free(boxes.runs);
-    free(boxes.wide);
+    boxes_finish(&boxes);
     if (!reach->runs) {
         reach_finish(reach);
         return nacre_fail_memory(error, "finding the light near the mesh");
