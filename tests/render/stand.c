@@ -144,20 +144,14 @@ static struct gather gather_of(struct stand *stand, double tolerance)
                            .tolerance = tolerance};
 }
 
-struct gather_counts stand_gather_bounded(struct stand *stand, double tolerance, float *bounds)
+struct gather_counts stand_gather(struct stand *stand, double tolerance)
 {
     struct gather gather = gather_of(stand, tolerance);
     struct gather_counts counts;
-    gather.bounds = bounds;
     TEST_ASSERT_EQUAL_INT_MESSAGE(
         NACRE_OK, gather_run(&gather, stand_opencl(), NULL, stand->radiosity, &counts, &error),
         error.text);
     return counts;
-}
-
-void stand_gather(struct stand *stand, double tolerance)
-{
-    (void)stand_gather_bounded(stand, tolerance, NULL);
 }
 
 void stand_gather_reference(struct stand *stand)

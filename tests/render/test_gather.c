@@ -70,7 +70,7 @@ static void check_response(const struct scene_material *settings, int x, int y)
     stand = stand_make(&material, stand_grid(material.width, material.height, material.pitch_mm),
                        settings);
     stand_add_sample_at(&stand, lit);
-    stand_gather(&stand, 1e-3);
+    (void)stand_gather(&stand, 1e-3);
     for (size_t i = 0; i < stand.mesh.vertex_count; i++) {
         for (int c = 0; c < 3; c++) {
             double expected = nacre_material_evaluate(&material, material.channels == 1 ? 0 : c, x,
@@ -101,7 +101,7 @@ static void a_mirrored_tile_answers_mirrored(void)
     shifted.offset[0] = w; /* the grid lies on the second tile */
     stand = stand_make(&material, stand_grid(w, material.height, material.pitch_mm), &shifted);
     stand_add_sample_at(&stand, (size_t)(y * w + w - 1 - x));
-    stand_gather(&stand, 1e-3);
+    (void)stand_gather(&stand, 1e-3);
     for (int i = 0; i < w * material.height; i++) {
         int mirrored = w - 1 - i % w;
         double expected = nacre_material_evaluate(&material, 0, x, y, mirrored, i / w);
@@ -156,8 +156,8 @@ static void a_cut_in_the_texture_coordinates_does_not_show(void)
     other = stand_make(&material, cut_grid(columns, rows, 5, material.pitch_mm, columns), &by_uv);
     stand_light_evenly(&stand, 9);
     stand_light_evenly(&other, 9);
-    stand_gather(&stand, 0);
-    stand_gather(&other, 0);
+    (void)stand_gather(&stand, 1e-3);
+    (void)stand_gather(&other, 1e-3);
     /* Across the cut F is read at places that are rounded from the offset, and may fall on the neighbour of the
      * surface point that the sample itself lies on only where both are on its border: a rare rounding. Without the
      * provision for cuts the difference is above 0.3. */
@@ -169,7 +169,7 @@ static void a_light_spot_between_surface_points_keeps_its_energy(void)
     material = stand_even_material(24, 9, 2, 0.8);
     stand = stand_make(&material, stand_grid(24, 24, material.pitch_mm), &planar);
     stand_add_sample(&stand, 2 * (11 * 23 + 12), 0.31, 0.17);
-    stand_gather(&stand, 1e-3);
+    (void)stand_gather(&stand, 1e-3);
     double sum = 0, smooth = 0.8 - (double)stand.appearance.local[0];
     for (size_t i = 0; i < stand.mesh.vertex_count; i++) {
         sum += stand.radiosity[i][1];
@@ -309,7 +309,7 @@ static void a_large_sphere_is_like_a_plane(void)
         double mean = 0, square = 0, count;
         stand = stand_make(&material, sphere(20, 2), &settings);
         stand_light_evenly(&stand, 16);
-        stand_gather(&stand, 1e-3);
+        (void)stand_gather(&stand, 1e-3);
         count = (double)stand.mesh.vertex_count;
         double smooth = 0.8 - (double)stand.appearance.local[0];
         for (size_t i = 0; i < stand.mesh.vertex_count; i++) {
@@ -367,12 +367,12 @@ static void the_kernel_agrees_with_the_reference(void)
         stand_light_evenly(&stand, 4);
         stand_light_evenly(&other, 4);
         stand_gather_reference(&other);
-        stand_gather(&stand, 0);
+        (void)stand_gather(&stand, 0);
         /* Single against double precision: sums of hundreds of terms, and now and then F read from a neighbour where
          * rounding moves a place over the border between surface points, which in this material differ wildly. */
         TEST_ASSERT_DOUBLE_WITHIN(5e-4, 0, rms_difference(&stand, &other));
         /* Summing up samples farther than 3 points may cost what the picture cannot show. */
-        stand_gather(&stand, 1e-3);
+        (void)stand_gather(&stand, 1e-3);
         TEST_ASSERT_DOUBLE_WITHIN(5e-3, 0, rms_difference(&stand, &other));
         stand_finish(&stand);
         stand_finish(&other);
@@ -393,52 +393,43 @@ static void light_in_stripes(struct stand *surface)
     }
 }
 
-/* What gather_run says of its error holds at every vertex. Single precision adds what a few thousand sums of numbers of
- * one sign may: 1e-4 of the largest. */
-static void check_bound(struct mesh mesh, const struct scene_material *settings, double tolerance,
-                        bool with_squares)
+/* What gather_run expects of its error holds, over all vertices. Single precision adds what a few thousand sums of numbers
+ * of one sign may: 1e-4. */
+static void check_estimate(struct mesh mesh, const struct scene_material *settings,
+                           double tolerance, bool with_squares)
 {
-    size_t values = mesh.vertex_count * 3;
     stand = stand_make(&material, mesh, settings);
-    float(*exact)[3] = calloc(mesh.vertex_count, sizeof *exact);
-    float *bounds = calloc(values, sizeof(float));
-    TEST_ASSERT_NOT_NULL(exact);
-    TEST_ASSERT_NOT_NULL(bounds);
     light_in_stripes(&stand);
-    stand_gather(&stand, 0);
+    size_t values = stand.mesh.vertex_count * 3;
+    float(*exact)[3] = calloc(values, sizeof(float));
+    TEST_ASSERT_NOT_NULL(exact);
+    (void)stand_gather(&stand, 0);
     memcpy(exact, stand.radiosity, values * sizeof(float));
-    struct gather_counts counts = stand_gather_bounded(&stand, tolerance, bounds);
-    double worst = 0, most = 0, largest = 0;
+    struct gather_counts counts = stand_gather(&stand, tolerance);
+    double off = 0, square = 0;
     for (size_t i = 0; i < values; i++) {
-        most = fmax(most, (double)exact[i / 3][i % 3]);
+        double one = stand.radiosity[i / 3][i % 3], two = exact[i / 3][i % 3];
+        off += (one - two) * (one - two);
+        square += two * two;
     }
-    for (size_t i = 0; i < values; i++) {
-        double off = fabs((double)stand.radiosity[i / 3][i % 3] - exact[i / 3][i % 3]);
-        worst = fmax(worst, off);
-        largest = fmax(largest, (double)bounds[i / 3]);
-        TEST_ASSERT_TRUE(off <= (double)bounds[i / 3] + 1e-4 * most);
-    }
-    TEST_ASSERT_TRUE(!with_squares || counts.squares > counts.receivers);
-    TEST_ASSERT_TRUE(worst > 1e-5 * most); /* something was summed up */
-    TEST_ASSERT_TRUE(counts.bound > 0 && largest > 0);
+    printf("estimate %.3e error %.3e squares %d\n", counts.estimate, sqrt(off / square),
+           counts.squares > 0);
+    TEST_ASSERT_EQUAL_INT(with_squares, counts.squares > 0);
+    TEST_ASSERT_TRUE(counts.estimate > 0 && counts.estimate <= tolerance);
+    TEST_ASSERT_TRUE(off > 0); /* something was summed up */
+    TEST_ASSERT_DOUBLE_WITHIN(counts.estimate + 1e-4, 0, sqrt(off / square));
     free(exact);
-    free(bounds);
     stand_finish(&stand);
 }
 
-static void summing_up_stays_within_its_bound(void)
+static void summing_up_costs_no_more_than_its_estimate(void)
 {
-    for (size_t kind = 0; kind < KINDS; kind++) {
-        material = made_material(kinds[kind]);
-        check_bound(stand_grid(24, 20, material.pitch_mm), &planar, 0.1, false);
-        nacre_material_finish(&material);
-    }
     const struct scene_material by_sphere = {.mapping = MAPPING_PLANAR, .axis = 2};
     struct mesh ball;
     material = stand_even_material(40, 25, 4, 0.8);
-    check_bound(stand_grid(40, 30, material.pitch_mm), &planar, 0.05, true);
+    check_estimate(stand_grid(40, 30, material.pitch_mm), &planar, 2e-3, true);
     TEST_ASSERT_EQUAL_INT(NACRE_OK, mesh_make_sphere(&ball, 8, 0.6, &error));
-    check_bound(ball, &by_sphere, 0.05, true);
+    check_estimate(ball, &by_sphere, 2e-3, true);
 }
 
 enum { SETS = 12 };
@@ -590,8 +581,8 @@ static void light_does_not_pass_to_the_other_side_where_it_must_not(void)
             stand_add_sample(&stand, i, 0.3, 0.3); /* the upper side is lit */
         }
     }
-    gather = (struct gather){
-        &stand.mesh, &stand.mapping, &stand.appearance, &stand.samples, true, 1e-3, NULL};
+    gather =
+        (struct gather){&stand.mesh, &stand.mapping, &stand.appearance, &stand.samples, true, 1e-3};
     TEST_ASSERT_EQUAL_INT_MESSAGE(
         NACRE_OK, gather_run(&gather, stand_opencl(), NULL, stand.radiosity, &counts, &error),
         error.text);
@@ -602,7 +593,7 @@ static void light_does_not_pass_to_the_other_side_where_it_must_not(void)
     }
     TEST_ASSERT_TRUE(above > 1);
     TEST_ASSERT_EQUAL_DOUBLE(0, below);
-    stand_gather(&stand, 1e-3);
+    (void)stand_gather(&stand, 1e-3);
     for (size_t i = 0; i < stand.mesh.vertex_count; i++) {
         below += stand.mesh.normals[i][2] < -0.5F ? stand.radiosity[i][0] : 0;
     }
@@ -613,7 +604,7 @@ static void a_dark_surface_stays_dark(void)
 {
     material = stand_even_material(10, 5, 1, 0.8);
     stand = stand_make(&material, stand_grid(10, 10, material.pitch_mm), &planar);
-    stand_gather(&stand, 1e-3);
+    (void)stand_gather(&stand, 1e-3);
     for (size_t i = 0; i < stand.mesh.vertex_count; i++) {
         TEST_ASSERT_EQUAL_FLOAT(0, stand.radiosity[i][0]);
     }
@@ -641,7 +632,7 @@ int main(void)
     RUN_TEST(a_large_sphere_is_like_a_plane);
     RUN_TEST(splitting_the_mesh_does_not_change_the_light_at_its_vertices);
     RUN_TEST(the_kernel_agrees_with_the_reference);
-    RUN_TEST(summing_up_stays_within_its_bound);
+    RUN_TEST(summing_up_costs_no_more_than_its_estimate);
     RUN_TEST(photons_and_spread_samples_agree);
     RUN_TEST(light_does_not_pass_to_the_other_side_where_it_must_not);
     RUN_TEST(a_dark_surface_stays_dark);
