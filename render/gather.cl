@@ -123,7 +123,7 @@ float16 rise(float16 r, float from, float steepness)
 float16 window(const struct offsets *o, const struct ring *ring)
 {
     float16 r = sqrt(o->square) * (1 / POINT_MM);
-    return rise(r, ring->rise_from, ring->rise_steepness) * (1 - rise(r, ring->fall_from, ring->fall_steepness));
+    return rise(r, ring->rise_from, ring->rise_steepness) - rise(r, ring->fall_from, ring->fall_steepness);
 }
 
 /* Whether a source is too far from all of the receivers. */

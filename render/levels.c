@@ -7,7 +7,7 @@
 
 /* Errors of pairs have either sign, and light around a place cancels most of them: what is seen is this share of the
  * sum of their bounds (tests/bench/bench_render). */
-static const double seen_share = 0.005;
+static const double seen_share = 0.12;
 
 /* 0 up to `from`, 1 from `to` on, twice differentiable. */
 static double rise(double r, double from, double to)
@@ -19,7 +19,7 @@ static double rise(double r, double from, double to)
 static double window(struct ring ring, double r)
 {
     double value = ring.begin > 0 ? rise(r, LEVELS_RISE * ring.begin, ring.begin) : 1;
-    return isfinite(ring.end) ? value * (1 - rise(r, LEVELS_RISE * ring.end, ring.end)) : value;
+    return isfinite(ring.end) ? value - rise(r, LEVELS_RISE * ring.end, ring.end) : value;
 }
 
 static double offset_of(size_t place, int side)
@@ -136,9 +136,9 @@ static int cut_basis(struct levels *levels, const struct appearance *appearance,
     size_t step = (size_t)1 << index, size = side * side * entry;
     double square = (double)(4 * step * step), variance = 0;
     for (double s = square; s > 3; s /= 4) {
-        variance += s / 4; /* of the interpolation from this level down to the vertices */
+        variance +=
+            s / 4 + s / 6; /* of the interpolation down to the vertices, and of light handed up */
     }
-    variance -= square / 12; /* of light spread over the square */
     float *cut = malloc(size * sizeof *cut), *bend = malloc(size * sizeof *bend);
     *level = (struct level){.inner = fmax(LEVELS_RISE * ring.begin - 0.5 - (double)step, 0),
                             .outer = isfinite(ring.end) ? ring.end + 0.5 + (double)step : HUGE_VAL};
@@ -181,7 +181,7 @@ int levels_make(struct levels *levels, const struct appearance *appearance, doub
                 struct nacre_error *error)
 {
     const struct basis *basis = &appearance->basis;
-    double half = appearance->window / 2 + 1, first = 1.5; /* NOLINT: K is odd */
+    double half = appearance->window / 2 + 1, first = 2.5; /* NOLINT: K is odd */
     *levels = (struct levels){0};
     while (first < half && !(seen_share * bound_of(basis, 1, first, HUGE_VAL) <= tolerance / 2)) {
         first *= 1.2;

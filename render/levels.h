@@ -20,7 +20,7 @@ struct ring {
     double begin, end;
 };
 
-#define LEVELS_RISE 0.45
+#define LEVELS_RISE 0.2
 
 /* Kernels for squares: no light comes from nearer than `inner` or from `outer` on. */
 struct level {

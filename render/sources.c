@@ -272,28 +272,217 @@ static void add_moment(const float *from, size_t size, float scale, float *to)
     }
 }
 
+enum { CORNERS = 4 };
+
+/* What is known of a node's surroundings: sums over its sources, places counted from the node's own in the texture. */
+struct node {
+    struct group_key key;
+    double weight, x, y, xx, xy, yy, position[3], by_x[3], by_y[3], normal[3], flux[3];
+    bool parted;
+};
+
+/* A lattice of nodes to which sources are handed out by bilinear weights. */
+struct lattice {
+    const struct source_set *from;
+    double size, point_mm;
+    uint32_t *links; /* [sources][4] */
+    float *shares;
+    struct groups groups;
+    struct node *nodes;
+};
+
+static struct group_key corner_of(const struct lattice *lattice, const struct source *source,
+                                  size_t k, float *share)
+{
+    double x = (double)source->x / lattice->size - 0.5, y = (double)source->y / lattice->size - 0.5;
+    double fx = x - floor(x), fy = y - floor(y);
+    *share = (float)((k % 2 ? fx : 1 - fx) * (k / 2 ? fy : 1 - fy));
+    return (struct group_key){source->chart, cell_of(x, 1) + (int32_t)(k % 2),
+                              cell_of(y, 1) + (int32_t)(k / 2), 0};
+}
+
+static int link_nodes(struct lattice *lattice)
+{
+    double cube = 2 * lattice->size * lattice->point_mm;
+    groups_end(&lattice->groups);
+    if (groups_begin(&lattice->groups, lattice->from->count) != 0) {
+        return -1;
+    }
+    for (size_t i = 0; i < lattice->from->count * CORNERS; i++) {
+        const struct source *source = &lattice->from->list[i / CORNERS];
+        struct group_key key = corner_of(lattice, source, i % CORNERS, &lattice->shares[i]);
+        if (lattice->nodes && lattice->nodes[lattice->links[i]].parted) {
+            key.part = groups_part(source->position, source->normal, cube);
+        }
+        lattice->links[i] = groups_number(&lattice->groups, key);
+        if (lattice->links[i] == GROUPS_FULL) {
+            return -1;
+        }
+    }
+    free(lattice->nodes);
+    lattice->nodes = calloc(lattice->groups.count + 1, sizeof *lattice->nodes);
+    return lattice->nodes ? 0 : -1;
+}
+
+static void add_to_node(struct node *node, double size, float share, const struct source *source)
+{
+    double weight = (double)share + 1e-4; /* a node at the rim needs a place, too */
+    double x = (double)source->x / size - 0.5 - node->key.x;
+    double y = (double)source->y / size - 0.5 - node->key.y;
+    node->weight += weight;
+    node->x += weight * x;
+    node->y += weight * y;
+    node->xx += weight * x * x;
+    node->xy += weight * x * y;
+    node->yy += weight * y * y;
+    for (int k = 0; k < 3; k++) {
+        node->position[k] += weight * (double)source->position[k];
+        node->by_x[k] += weight * x * (double)source->position[k];
+        node->by_y[k] += weight * y * (double)source->position[k];
+        node->normal[k] += weight * (double)source->normal[k];
+        node->flux[k] += (double)share * (double)source->flux[k];
+    }
+}
+
+static void fill_nodes(struct lattice *lattice)
+{
+    for (size_t i = 0; i < lattice->from->count * CORNERS; i++) {
+        struct node *node = &lattice->nodes[lattice->links[i]];
+        const struct source *source = &lattice->from->list[i / CORNERS];
+        float share;
+        if (!(node->weight > 0)) {
+            node->key = corner_of(lattice, source, i % CORNERS, &share);
+        }
+        add_to_node(node, lattice->size, lattice->shares[i], source);
+    }
+}
+
+/* The node as a source, placed where the plane through its sources has it; where they lie on a line or a point, at their
+ * middle. */
+static struct source source_at(const struct lattice *lattice, const struct node *node)
+{
+    double w = node->weight, x = node->x / w, y = node->y / w, length = 0;
+    double xx = node->xx / w - x * x, xy = node->xy / w - x * y, yy = node->yy / w - y * y;
+    double determinant = xx * yy - xy * xy;
+    bool flat = determinant > 1e-4;
+    struct source source = {.x = (float)((node->key.x + 0.5) * lattice->size),
+                            .y = (float)((node->key.y + 0.5) * lattice->size),
+                            .chart = node->key.kind};
+    for (int k = 0; k < 3; k++) {
+        double p = node->position[k] / w, n = node->normal[k] / w;
+        double px = node->by_x[k] / w - x * p, py = node->by_y[k] / w - y * p;
+        double along_x = flat ? (yy * px - xy * py) / determinant : 0;
+        double along_y = flat ? (xx * py - xy * px) / determinant : 0;
+        source.position[k] = (float)(p - x * along_x - y * along_y);
+        source.normal[k] = (float)n;
+        source.flux[k] = (float)node->flux[k];
+        length += n * n;
+    }
+    for (int k = 0; k < 3; k++) {
+        source.normal[k] /= (float)(length > 0 ? sqrt(length) : 1);
+    }
+    return source;
+}
+
+static void place_nodes(const struct lattice *lattice, struct source_set *to)
+{
+    to->count = lattice->groups.count;
+    for (size_t i = 0; i < to->count; i++) {
+        to->list[i] = source_at(lattice, &lattice->nodes[i]);
+    }
+}
+
+/* Mark nodes whose sources are too far from them or turned too differently. */
+static bool must_part_nodes(struct lattice *lattice, const struct source_set *nodes)
+{
+    double most = 2 * widest * lattice->size * lattice->point_mm;
+    bool any = false;
+    for (size_t i = 0; i < nodes->count; i++) {
+        double length = 0;
+        for (int k = 0; k < 3; k++) {
+            double n = lattice->nodes[i].normal[k] / lattice->nodes[i].weight;
+            length += n * n;
+        }
+        lattice->nodes[i].parted = length < straightest * straightest;
+    }
+    for (size_t i = 0; i < lattice->from->count * CORNERS; i++) {
+        const float *p = lattice->from->list[i / CORNERS].position;
+        const float *q = nodes->list[lattice->links[i]].position;
+        double x = (double)p[0] - q[0], y = (double)p[1] - q[1], z = (double)p[2] - q[2];
+        struct node *node = &lattice->nodes[lattice->links[i]];
+        node->parted = node->parted || x * x + y * y + z * z > most * most;
+        any = any || node->parted;
+    }
+    return any;
+}
+
+/* Nodes of a lattice for some sources. */
+static int lattice_make(struct lattice *lattice, struct source_set *to)
+{
+    size_t links = lattice->from->count * CORNERS;
+    lattice->links = calloc(links + 1, sizeof *lattice->links);
+    lattice->shares = calloc(links + 1, sizeof *lattice->shares);
+    for (int pass = 0; pass < 2; pass++) {
+        if (!lattice->links || !lattice->shares || link_nodes(lattice) != 0) {
+            return -1;
+        }
+        fill_nodes(lattice);
+        free(to->list);
+        to->list = calloc(lattice->groups.count + 1, sizeof *to->list);
+        if (!to->list) {
+            return -1;
+        }
+        place_nodes(lattice, to);
+        if (pass > 0 || !must_part_nodes(lattice, to)) {
+            break;
+        }
+    }
+    return 0;
+}
+
+static void lattice_finish(struct lattice *lattice)
+{
+    groups_end(&lattice->groups);
+    free(lattice->links);
+    free(lattice->shares);
+    free(lattice->nodes);
+}
+
+static int sum_moments(struct sources *sources, const struct appearance *appearance, int index,
+                       const struct lattice *lattice)
+{
+    size_t size = sources->moment_size;
+    float *own = new_moments(1, size), *moments = new_moments(lattice->groups.count, size);
+    sources->moments[index] = moments;
+    for (size_t i = 0; own && moments && i < lattice->from->count; i++) {
+        const float *moment = own;
+        if (index > 0) {
+            moment = sources->moments[index - 1] + i * size;
+        } else {
+            memset(own, 0, size * sizeof *own);
+            add_texel(appearance, lattice->from->list[i].texel, lattice->from->list[i].flux, own);
+        }
+        for (size_t k = i * CORNERS; k < (i + 1) * CORNERS; k++) {
+            add_moment(moment, size, lattice->shares[k], moments + lattice->links[k] * size);
+        }
+    }
+    bool made = own && moments;
+    free(own);
+    return made ? 0 : -1;
+}
+
 static int sum_squares(struct sources *sources, const struct appearance *appearance, int index,
                        double point_mm)
 {
-    const struct source_set *from = index > 0 ? &sources->squares[index - 1] : &sources->points;
-    struct source_set *to = &sources->squares[index];
-    uint32_t *numbers = calloc(from->count + 1, sizeof *numbers);
-    if (!numbers || merge_set(from, (double)(2 << index), point_mm, to, numbers) != 0) {
-        free(numbers);
-        return -1;
+    struct lattice lattice = {.from = index > 0 ? &sources->squares[index - 1] : &sources->points,
+                              .size = (double)(2 << index),
+                              .point_mm = point_mm};
+    int status = lattice_make(&lattice, &sources->squares[index]);
+    if (status == 0) {
+        status = sum_moments(sources, appearance, index, &lattice);
     }
-    size_t size = sources->moment_size;
-    sources->moments[index] = new_moments(to->count, size);
-    for (size_t i = 0; sources->moments[index] && i < from->count; i++) {
-        float *moment = sources->moments[index] + numbers[i] * size;
-        if (index > 0) {
-            add_moment(sources->moments[index - 1] + i * size, size, 1, moment);
-        } else {
-            add_texel(appearance, from->list[i].texel, from->list[i].flux, moment);
-        }
-    }
-    free(numbers);
-    return sources->moments[index] ? 0 : -1;
+    lattice_finish(&lattice);
+    return status;
 }
 
 /* Means over squares of the material; at the border of what there is of them. */

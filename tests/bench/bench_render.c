@@ -230,11 +230,11 @@ int main(int argc, char **argv)
     report("reference", &way, &outcome);
     const struct way ways[] = {
         {.density = 1, .rays = 8, .plain = true},
-        {.density = 1, .rays = 8, .tolerance = 0.002},
-        {.density = 1, .rays = 8, .tolerance = 0.001},
-        {.density = 1, .rays = 8, .tolerance = 0.0005},
-        {.density = 4, .rays = 8, .tolerance = 0.002},
-        {.density = 16, .rays = 8, .tolerance = 0.002},
+        {.density = 1, .rays = 8, .tolerance = 0.03},
+        {.density = 1, .rays = 8, .tolerance = 0.015},
+        {.density = 1, .rays = 8, .tolerance = 0.005},
+        {.density = 4, .rays = 8, .tolerance = 0.015},
+        {.density = 16, .rays = 8, .tolerance = 0.015},
     };
     size_t way_count = argc > 2 ? (size_t)strtoul(argv[2], NULL, 10) : sizeof ways / sizeof *ways;
     for (size_t i = 0; i < way_count; i++) {
