@@ -412,8 +412,6 @@ static void check_estimate(struct mesh mesh, const struct scene_material *settin
         off += (one - two) * (one - two);
         square += two * two;
     }
-    printf("estimate %.3e error %.3e squares %d\n", counts.estimate, sqrt(off / square),
-           counts.squares > 0);
     TEST_ASSERT_EQUAL_INT(with_squares, counts.squares > 0);
     TEST_ASSERT_TRUE(counts.estimate > 0 && counts.estimate <= tolerance);
     TEST_ASSERT_TRUE(off > 0); /* something was summed up */
