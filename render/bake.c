@@ -97,7 +97,7 @@ static void count(const struct light_samples *samples, const struct gather_count
     counts->gather.points += gather->points;
     counts->gather.squares += gather->squares;
     counts->gather.posts += gather->posts;
-    counts->gather.estimate = fmax(counts->gather.estimate, gather->estimate);
+    counts->gather.error = fmax(counts->gather.error, gather->error);
 }
 
 int bake_object(const struct lit_surface *surface, const struct appearance *appearance,
@@ -119,7 +119,8 @@ int bake_object(const struct lit_surface *surface, const struct appearance *appe
     counts->light_seconds += seconds_since(start);
     start = now_ns();
     if (status == NACRE_OK && RENDER_EFFECTS_BUILT(RENDER_SUBSURFACE) && effects->subsurface) {
-        struct gather gather = {mesh, mapping, appearance, &samples, effects->same_side, tolerance};
+        struct gather gather = {mesh,      mapping,       appearance, &samples, effects->same_side,
+                                tolerance, GATHER_SOONEST};
         struct progress progress = progress_begin("gathering", settings->quiet);
         status = gather_run(&gather, opencl, &progress, radiosity, &gathered, error);
         progress_end(&progress);

@@ -17,23 +17,30 @@
 #include <stdbool.h>
 #include <stdint.h>
 
+enum gather_way {
+    GATHER_SOONEST,
+    GATHER_SUMMED /* even where that is not sooner: for what checks summing up */
+};
+
 struct gather {
     const struct mesh *mesh;
     const struct mapping *mapping;
     const struct appearance *appearance;
     const struct light_samples *samples;
     bool same_side; /* only light that falls on the side where it leaves */
-    /* Light is summed up as far as the estimate of what this changes is at most this share of all light (levels.h). 0:
-     * every sample by itself. */
+    /* Light is summed up where that is sooner and changes what leaves by at most this share: root mean square over all
+     * vertices, measured on some (gather_probe.h). 0: every sample by itself. */
     double tolerance;
+    enum gather_way way;
 };
 
 struct gather_counts {
     uint64_t receivers, samples;
-    uint64_t points,
-        squares; /* pairs looked at: of a vertex and a sample or a surface point; of a post and a square */
-    uint64_t posts;
-    double estimate; /* of the error, over all light */
+    uint64_t
+        points; /* pairs looked at of a vertex and a sample or a surface point, also for checks */
+    uint64_t squares,
+        posts; /* pairs of a post and a square, and posts; 0 where samples were taken one by one */
+    double error; /* that summing up makes, as the tolerance has it, measured */
     double prepare_seconds, launch_seconds;
 };
 

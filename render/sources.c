@@ -190,10 +190,17 @@ static int merge_set(const struct source_set *from, double size, double point_mm
     return status;
 }
 
-/* The lit samples, those close together behind each other. */
-static int take_samples(struct source_set *set, const struct light_samples *samples)
+void source_set_finish(struct source_set *set)
+{
+    free(set->list);
+    *set = (struct source_set){0};
+}
+
+int sources_take(struct source_set *set, const struct light_samples *samples,
+                 struct nacre_error *error)
 {
     uint32_t *order = calloc(samples->count + 1, sizeof *order);
+    *set = (struct source_set){0};
     set->list = calloc(samples->count + 1, sizeof *set->list);
     for (size_t i = 0; order && set->list && i < samples->count; i++) {
         if (brightness(samples->list[i].flux) > 0) {
@@ -205,7 +212,8 @@ static int take_samples(struct source_set *set, const struct light_samples *samp
          bundles_order(samples->list[0].position, sizeof *samples->list / sizeof(float), order,
                        set->count) != 0)) {
         free(order);
-        return -1;
+        source_set_finish(set);
+        return nacre_fail_memory(error, "the light samples");
     }
     for (size_t i = 0; i < set->count; i++) {
         const struct light_sample *sample = &samples->list[order[i]];
@@ -217,7 +225,7 @@ static int take_samples(struct source_set *set, const struct light_samples *samp
         memcpy(source->flux, sample->flux, sizeof source->flux);
     }
     free(order);
-    return 0;
+    return NACRE_OK;
 }
 
 /* F U of one surface point, times flux[3], added to a moment. */
@@ -521,18 +529,17 @@ static int fill_pyramid(struct sources *sources, const struct appearance *appear
     return 0;
 }
 
-int sources_make(struct sources *sources, const struct light_samples *samples,
+int sources_make(struct sources *sources, const struct source_set *samples,
                  const struct appearance *appearance, const struct levels *levels, double point_mm,
                  struct nacre_error *error)
 {
     size_t parts =
         appearance->layout == NACRE_KERNEL_PER_TERM ? 1 : (size_t)appearance->basis.parts;
     *sources = (struct sources){.moment_size = parts * (size_t)appearance->terms * 4};
-    int status = take_samples(&sources->samples, samples);
-    if (status == 0 && levels->merges) {
-        uint32_t *numbers = calloc(sources->samples.count + 1, sizeof *numbers);
-        status =
-            numbers ? merge_set(&sources->samples, 1, point_mm, &sources->points, numbers) : -1;
+    int status = 0;
+    if (levels->merges) {
+        uint32_t *numbers = calloc(samples->count + 1, sizeof *numbers);
+        status = numbers ? merge_set(samples, 1, point_mm, &sources->points, numbers) : -1;
         free(numbers);
     }
     for (int i = 0; status == 0 && i < levels->count; i++) {
@@ -550,8 +557,7 @@ int sources_make(struct sources *sources, const struct light_samples *samples,
 
 void sources_finish(struct sources *sources)
 {
-    free(sources->samples.list);
-    free(sources->points.list);
+    source_set_finish(&sources->points);
     for (int i = 0; i < LEVELS_MAXIMUM; i++) {
         free(sources->squares[i].list);
         free(sources->moments[i]);

@@ -28,14 +28,19 @@ struct source_set {
 };
 
 struct sources {
-    struct source_set samples, points, squares[LEVELS_MAXIMUM];
+    struct source_set points, squares[LEVELS_MAXIMUM];
     size_t moment_size; /* floats: [parts][terms][4], with a kernel per term [terms][4] */
     float *moments[LEVELS_MAXIMUM]; /* of the squares */
     float *pyramid[LEVELS_MAXIMUM]; /* [height / 2^(i + 1)][width / 2^(i + 1)], rounded up */
 };
 
-/* Sum up the samples that carry flux as far as the levels ask for it. */
-int sources_make(struct sources *sources, const struct light_samples *samples,
+/* The samples that carry flux, those close together behind each other. */
+int sources_take(struct source_set *set, const struct light_samples *samples,
+                 struct nacre_error *error);
+void source_set_finish(struct source_set *set);
+
+/* Sum them up as far as the levels ask for it. */
+int sources_make(struct sources *sources, const struct source_set *samples,
                  const struct appearance *appearance, const struct levels *levels, double point_mm,
                  struct nacre_error *error);
 void sources_finish(struct sources *sources);

@@ -160,8 +160,8 @@ static struct outcome run(struct bench *bench, const struct way *way, size_t eve
     add_local(bench, &samples, radiosity);
     outcome.light = timing_since(start).processor;
     outcome.samples = samples.count;
-    struct gather gather = {&bench->mesh, &bench->mapping, &bench->appearance,
-                            &samples,     false,           way->tolerance};
+    struct gather gather = {&bench->mesh, &bench->mapping, &bench->appearance, &samples,
+                            false,        way->tolerance,  GATHER_SOONEST};
     if (way->plain) {
         outcome.gather = plain_gather(&gather, &bench->opencl, every, radiosity, done);
     } else {
@@ -172,10 +172,10 @@ static struct outcome run(struct bench *bench, const struct way *way, size_t eve
         double receivers = (double)counts.receivers;
         printf("  %.3f s before, %.3f s in launches (wall); %.1f near pairs, %.2f posts and %.1f "
                "far pairs a "
-               "receiver; estimate %.3f %%\n",
+               "receiver; at most %.3f %%\n",
                counts.prepare_seconds, counts.launch_seconds, (double)counts.points / receivers,
                (double)counts.posts / receivers, (double)counts.squares / receivers,
-               100 * counts.estimate);
+               100 * counts.error);
     }
     samples_finish(&samples);
     return outcome;
@@ -230,11 +230,12 @@ int main(int argc, char **argv)
     report("reference", &way, &outcome);
     const struct way ways[] = {
         {.density = 1, .rays = 8, .plain = true},
-        {.density = 1, .rays = 8, .tolerance = 0.03},
-        {.density = 1, .rays = 8, .tolerance = 0.015},
-        {.density = 1, .rays = 8, .tolerance = 0.005},
-        {.density = 4, .rays = 8, .tolerance = 0.015},
-        {.density = 16, .rays = 8, .tolerance = 0.015},
+        {.density = 1, .rays = 8, .tolerance = 0},
+        {.density = 1, .rays = 8, .tolerance = 0.01},
+        {.density = 1, .rays = 8, .tolerance = 0.006},
+        {.density = 1, .rays = 8, .tolerance = 0.003},
+        {.density = 1, .rays = 8, .tolerance = 0.002},
+        {.density = 1, .rays = 8, .tolerance = 0.001},
     };
     size_t way_count = argc > 2 ? (size_t)strtoul(argv[2], NULL, 10) : sizeof ways / sizeof *ways;
     for (size_t i = 0; i < way_count; i++) {
