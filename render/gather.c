@@ -5,23 +5,21 @@
 #include "render/gather_cost.h"
 #include "render/gather_pass.h"
 #include "render/gather_probe.h"
-#include "render/sources.h"
 
 #include <math.h>
 #include <stdlib.h>
 
-enum { TRIES = 3 };
+enum { TRIES = 4 };
 
-/* Where the light was off by too much, the next estimate of it is to be this share of what might do. */
-static const double caution = 0.6;
+/* The error is aimed at this share of the tolerance, and is good where it is above the other. */
+static const double aimed = 0.85, good = 0.65;
 
 struct run {
     const struct gather *gather;
     struct progress *progress;
     struct gather_device device;
-    struct receivers receivers;
-    struct reach_bundles bundles;
-    struct source_set samples;
+    struct gather_stock stock;
+    struct gather_probe probe;
     float (*light)[3], (*exact)[3];
     struct gather_counts *counts;
 };
@@ -38,102 +36,94 @@ static int64_t now_ns(void)
     return clock_now_ns(&clock);
 }
 
-static int pass(struct run *run, const struct levels *levels, const struct reach_bundles *bundles,
+/* NULL: all vertices. */
+static int pass(struct run *run, const struct levels *levels, const struct reach_bundles *vertices,
                 float (*light)[3], struct nacre_error *error)
 {
-    const struct gather_pass pass = {run->gather, &run->device,  &run->receivers,
-                                     bundles,     &run->samples, levels};
+    const struct gather_pass pass = {&run->device, &run->stock, levels, vertices};
     return gather_pass_run(&pass, run->progress, light, run->counts, error);
 }
 
-static int gather_plainly(struct run *run, const struct reach_bundles *bundles, float (*light)[3],
+static int gather_plainly(struct run *run, const struct reach_bundles *vertices, float (*light)[3],
                           struct nacre_error *error)
 {
     struct levels levels;
     int status = levels_make(&levels, run->gather->appearance, 0, error);
     if (status == NACRE_OK) {
-        status = pass(run, &levels, bundles, light, error);
+        status = pass(run, &levels, vertices, light, error);
     }
     levels_finish(&levels);
-    return status;
-}
-
-/* What summing up has changed. */
-static int measure(struct run *run, struct nacre_error *error)
-{
-    struct gather_probe probe;
-    int status = gather_probe_make(&probe, &run->receivers, &run->bundles, run->light, error);
-    if (status == NACRE_OK) {
-        status = gather_plainly(run, &probe.bundles, run->exact, error);
-    }
-    if (status == NACRE_OK) {
-        run->counts->error =
-            gather_probe_error(&probe, &run->receivers, &run->bundles, run->light, run->exact);
-    }
-    gather_probe_finish(&probe);
     return status;
 }
 
 static bool pays(const struct run *run, const struct levels *levels)
 {
-    if (run->gather->way == GATHER_SUMMED) {
+    if (!levels->merges || run->gather->way == GATHER_SUMMED) {
         return levels->merges;
     }
-    struct gather_cost cost =
-        gather_cost_of(run->gather, &run->receivers, &run->bundles, &run->samples, levels);
+    struct gather_cost cost = gather_cost_of(&run->stock, levels);
     return cost.summed < cost.plain;
 }
 
-/* Sum up so that the estimate is at most `aim`; *tried is false where that does not pay. */
-static int try(struct run *run, double aim, bool *tried, struct nacre_error *error)
+/* What these levels change, on the vertices drawn. */
+static int measure(struct run *run, const struct levels *levels, double *off,
+                   struct nacre_error *error)
 {
-    struct levels levels;
-    int status = levels_make(&levels, run->gather->appearance, aim, error);
-    *tried = status == NACRE_OK && pays(run, &levels);
-    if (*tried) {
-        status = pass(run, &levels, &run->bundles, run->light, error);
+    int status = NACRE_OK;
+    if (!run->probe.groups) {
+        status = gather_probe_make(&run->probe, &run->stock, error);
+        if (status == NACRE_OK) {
+            status = gather_plainly(run, &run->probe.bundles, run->exact, error);
+        }
     }
-    if (*tried && status == NACRE_OK) {
-        status = measure(run, error);
+    if (status == NACRE_OK) {
+        status = pass(run, levels, &run->probe.bundles, run->light, error);
     }
-    levels_finish(&levels);
+    *off = status == NACRE_OK ? gather_probe_error(&run->probe, run->light, run->exact) : 0;
     return status;
 }
 
-static int gather_light(struct run *run, struct nacre_error *error)
+/* The levels of least cost whose error is within the tolerance, as far as a few tries find them; without merging where
+ * light is to be taken sample by sample. */
+static int choose(struct run *run, struct levels *chosen, struct nacre_error *error)
 {
     double tolerance = run->gather->tolerance, aim = tolerance;
-    struct gather_counts *counts = run->counts;
-    for (int i = 0; tolerance > 0 && i < TRIES; i++) {
-        bool tried;
-        int status = try(run, aim, &tried, error);
-        if (status != NACRE_OK || (tried && counts->error <= tolerance)) {
-            return status;
+    int status = levels_make(chosen, run->gather->appearance, 0, error);
+    for (int i = 0; status == NACRE_OK && tolerance > 0 && i < TRIES; i++) {
+        struct levels levels = {0};
+        double off = HUGE_VAL;
+        status = levels_make(&levels, run->gather->appearance, aim, error);
+        bool known = chosen->merges && levels_equal(&levels, chosen);
+        bool paid = status == NACRE_OK && !known && pays(run, &levels);
+        if (paid) {
+            status = measure(run, &levels, &off, error);
         }
-        if (!tried) {
+        if (off <= tolerance) {
+            struct levels other = *chosen;
+            *chosen = levels;
+            levels = other;
+            run->counts->error = off;
+        }
+        bool found = chosen->merges && (off > tolerance || off > good * tolerance);
+        levels_finish(&levels);
+        if (!paid || found) {
             break;
         }
-        aim *= fmin(caution * tolerance / counts->error, 0.5);
+        aim *= fmin(fmax(aimed * tolerance / off, 0.1), 4);
     }
-    counts->error = 0;
-    counts->squares = counts->posts = 0;
-    return gather_plainly(run, &run->bundles, run->light, error);
+    return status;
 }
 
 static int prepare(struct run *run, const struct opencl *opencl, struct nacre_error *error)
 {
-    const struct gather *gather = run->gather;
-    size_t size = gather->mesh->vertex_count + 1;
-    if (sources_take(&run->samples, gather->samples, error) != NACRE_OK) {
+    size_t size = run->gather->mesh->vertex_count + 1;
+    if (gather_stock_make(&run->stock, run->gather, error) != NACRE_OK) {
         return NACRE_FAILED;
     }
-    if (run->samples.count == 0 || !gather->appearance->gathers) {
+    if (run->stock.receivers.count == 0) {
         return NACRE_OK;
     }
-    if (receivers_make(&run->receivers, gather->mesh, gather->mapping, gather->appearance, error) !=
-            NACRE_OK ||
-        reach_bundle(&run->bundles, run->receivers.list, run->receivers.count, error) != NACRE_OK ||
-        gather_device_make(&run->device, opencl, gather, error) != NACRE_OK) {
+    if (gather_device_make(&run->device, opencl, run->gather, error) != NACRE_OK) {
         return NACRE_FAILED;
     }
     run->light = calloc(size, sizeof *run->light);
@@ -141,12 +131,25 @@ static int prepare(struct run *run, const struct opencl *opencl, struct nacre_er
     return run->light && run->exact ? NACRE_OK : nacre_fail_memory(error, "the gathered light");
 }
 
+static int gather_light(struct run *run, struct nacre_error *error)
+{
+    struct levels levels;
+    int64_t start = now_ns();
+    int status = choose(run, &levels, error);
+    run->counts->choose_seconds = seconds_since(start);
+    run->counts->squares = run->counts->posts = 0;
+    if (status == NACRE_OK) {
+        status = pass(run, &levels, NULL, run->light, error);
+    }
+    levels_finish(&levels);
+    return status;
+}
+
 static void run_finish(struct run *run)
 {
     gather_device_finish(&run->device);
-    reach_bundles_finish(&run->bundles);
-    receivers_finish(&run->receivers);
-    source_set_finish(&run->samples);
+    gather_probe_finish(&run->probe);
+    gather_stock_finish(&run->stock);
     free(run->light);
     free(run->exact);
 }
@@ -160,9 +163,9 @@ int gather_run(const struct gather *gather, const struct opencl *opencl, struct 
     int status = prepare(&run, opencl, error);
     counts->prepare_seconds = seconds_since(start);
     start = now_ns();
-    counts->receivers = run.receivers.count;
-    counts->samples = run.samples.count;
-    if (status == NACRE_OK && run.receivers.count > 0) {
+    counts->receivers = run.stock.receivers.count;
+    counts->samples = run.stock.samples.count;
+    if (status == NACRE_OK && run.stock.receivers.count > 0) {
         status = gather_light(&run, error);
         for (size_t i = 0; status == NACRE_OK && i < gather->mesh->vertex_count; i++) {
             for (int c = 0; c < 3; c++) {

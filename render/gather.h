@@ -41,7 +41,7 @@ struct gather_counts {
     uint64_t squares,
         posts; /* pairs of a post and a square, and posts; 0 where samples were taken one by one */
     double error; /* that summing up makes, as the tolerance has it, measured */
-    double prepare_seconds, launch_seconds;
+    double prepare_seconds, choose_seconds, launch_seconds;
 };
 
 /* Add the smooth part of what leaves each vertex to radiosity[vertex][3], on the OpenCL device. */

@@ -4,8 +4,8 @@
 #include "render/gather_probe.h"
 
 #include <math.h>
-#include <stdlib.h>
 #include <stdio.h>
+#include <stdlib.h>
 
 /* Nanoseconds of a processor that has eight floats to an instruction, at 3 GHz (bench_render): a pair of a receiver and a
  * sample or a surface point, for each of the F H products; for each basis kernel and product of a post and a square; and
@@ -23,10 +23,12 @@ struct profile {
         pairs[STEPS + 1]; /* samples nearer than i steps (surface points), of one receiver */
 };
 
-static void profile_make(struct profile *profile, const struct receivers *receivers,
-                         const struct reach_bundles *bundles, const struct source_set *samples,
-                         double reach, double point_mm)
+static void profile_make(struct profile *profile, const struct gather_stock *stock, double reach,
+                         double point_mm)
 {
+    const struct receivers *receivers = &stock->receivers;
+    const struct reach_bundles *bundles = &stock->stages[0].bundles;
+    const struct source_set *samples = &stock->samples;
     size_t every = samples->count / SAMPLES + 1, places = 0;
     float at[PLACES][3];
     *profile = (struct profile){.step = reach / STEPS};
@@ -71,21 +73,21 @@ static double cost_of_squares(const struct levels *levels, double points, double
     return sum;
 }
 
-struct gather_cost gather_cost_of(const struct gather *gather, const struct receivers *receivers,
-                                  const struct reach_bundles *bundles,
-                                  const struct source_set *samples, const struct levels *levels)
+struct gather_cost gather_cost_of(const struct gather_stock *stock, const struct levels *levels)
 {
+    const struct gather *gather = stock->gather;
+    const struct source_set *samples = &stock->samples;
     const struct appearance *a = gather->appearance;
     double half = a->window / 2 + 1, point = gather->mapping->point_mm; /* NOLINT: K is odd */
     double reach = 1.128 * half; /* of a circle as large as the window */
-    double products = a->terms, count = (double)receivers->count;
+    double products = a->terms, count = (double)stock->receivers.count;
     double points = mesh_area_mm2(gather->mesh) / (point * point);
     double per_pair = pair_ns + product_ns * products;
     struct profile *profile = malloc(sizeof *profile);
     if (!profile) {
         return (struct gather_cost){0, HUGE_VAL};
     }
-    profile_make(profile, receivers, bundles, samples, reach, point);
+    profile_make(profile, stock, reach, point);
     double all = pairs_within(profile, reach), near = pairs_within(profile, levels->samples.end);
     double around = pairs_within(profile, fmin(levels->points.end, reach)) -
                     pairs_within(profile, LEVELS_RISE * levels->points.begin);
@@ -98,7 +100,14 @@ struct gather_cost gather_cost_of(const struct gather *gather, const struct rece
                   cost_of_squares(levels, points, reach) * parts * products * square_ns +
                   (double)samples->count * sample_ns + points * point_ns + probes * cost.plain;
     cost.summed = levels->merges ? cost.summed / margin : HUGE_VAL;
-    if (getenv("GC")) { fprintf(stderr,"  model: plain %.2f s, summed %.2f s: near %.1f points %.1f squares pairs/receiver %.2f parts %g all %.0f levels %d merge %.2f sq %.2f\n", cost.plain*1e-9, cost.summed*1e-9, near, merged*around, cost_of_squares(levels, points, reach)/count, parts, all, levels->count, levels->points.begin, levels->points.end);}
+    if (getenv("GC")) {
+        fprintf(stderr,
+                "  model: plain %.2f s, summed %.2f s: near %.1f points %.1f squares "
+                "pairs/receiver %.2f parts %g all %.0f levels %d merge %.2f sq %.2f\n",
+                cost.plain * 1e-9, cost.summed * 1e-9, near, merged * around,
+                cost_of_squares(levels, points, reach) / count, parts, all, levels->count,
+                levels->points.begin, levels->points.end);
+    }
     free(profile);
     return cost;
 }

@@ -5,9 +5,9 @@
 #include <stdbool.h>
 #include <stdlib.h>
 
-enum { LANES = REACH_LANES };
+enum { LANES = REACH_LANES, CANDIDATES = 1024, SAMPLES = 8192 };
 
-/* The mean may be above what was drawn by this many of its standard errors. */
+/* The ratio may be above that of what was drawn by this many of its standard errors. */
 static const double standard_errors = 3;
 
 /* Whether entry k of the bundles' order begins a vertex, which belongs to the bundle that its first receiver is in; not
@@ -27,32 +27,51 @@ static double square_of(const float a[3])
     return sum;
 }
 
-static double power_of(const struct receivers *receivers, const struct reach_bundles *bundles,
-                       size_t group, float (*light)[3])
+/* Light that falls around a group, by some of the samples. */
+static double light_around(const struct gather_stock *stock, size_t group)
 {
-    double sum = 0;
-    for (size_t k = group * LANES; k < (group + 1) * LANES; k++) {
-        if (begins(receivers, bundles, k)) {
-            sum += square_of(light[receivers->vertices[bundles->order[k]]]);
-        }
+    const struct source_set *samples = &stock->samples;
+    size_t every = samples->count / SAMPLES + 1;
+    const float *at = stock->receivers.list[stock->stages[0].bundles.order[group * LANES]].position;
+    double reach = stock->gather->appearance->window / 4 + 1; /* NOLINT: a rough width */
+    float scale = (float)(1 / (reach * stock->gather->mapping->point_mm)), sum = 0;
+    for (size_t i = 0; i < samples->count; i += every) {
+        const struct source *from = &samples->list[i];
+        float x = (from->position[0] - at[0]) * scale, y = (from->position[1] - at[1]) * scale;
+        float z = (from->position[2] - at[2]) * scale, share = 1 + x * x + y * y + z * z;
+        sum += (from->flux[0] + from->flux[1] + from->flux[2]) / (share * share * share);
     }
     return sum;
 }
 
-/* Evenly spaced places along all groups' chances. */
-static void draw(struct gather_probe *probe, const double *powers, size_t count)
+/* Evenly spaced places along the chances of the groups, or of so many of them. */
+static int draw(struct gather_probe *probe, size_t count)
 {
-    double even = 1 / (double)count, sum = 0;
-    size_t drawn = 0;
-    for (size_t i = 0; i < count && drawn < probe->draws; i++) {
-        double chance = probe->power > 0 ? (powers[i] / probe->power + even) / 2 : even;
+    size_t candidates = count < CANDIDATES ? count : CANDIDATES, drawn = 0;
+    double *squares = calloc(candidates + 1, sizeof *squares), power = 0, sum = 0;
+    if (!squares) {
+        return -1;
+    }
+#pragma omp parallel for schedule(static)
+    for (size_t i = 0; i < candidates; i++) {
+        double light = light_around(probe->stock, i * count / candidates);
+        squares[i] = light * light;
+    }
+    for (size_t i = 0; i < candidates; i++) {
+        power += squares[i];
+    }
+    for (size_t i = 0; i < candidates && drawn < probe->draws; i++) {
+        double even = 1 / (double)candidates;
+        double chance = power > 0 ? (squares[i] / power + even) / 2 : even;
         sum += chance;
         while (drawn < probe->draws && ((double)drawn + 0.5) / (double)probe->draws < sum) {
-            probe->groups[drawn] = i;
+            probe->groups[drawn] = i * count / candidates;
             probe->chances[drawn++] = chance;
         }
     }
     probe->draws = drawn;
+    free(squares);
+    return 0;
 }
 
 /* The receivers of a group's vertices, by 16; returns how many bundles they fill. */
@@ -79,9 +98,10 @@ static size_t fill(const struct receivers *receivers, const struct reach_bundles
     return padded / LANES;
 }
 
-static int fill_bundles(struct gather_probe *probe, const struct receivers *receivers,
-                        const struct reach_bundles *bundles)
+static int fill_bundles(struct gather_probe *probe)
 {
+    const struct receivers *receivers = &probe->stock->receivers;
+    const struct reach_bundles *bundles = &probe->stock->stages[0].bundles;
     struct reach_bundles *own = &probe->bundles;
     size_t total = 0, stride = sizeof *receivers->list / sizeof(float);
     for (size_t i = 0; i < probe->draws; i++) {
@@ -105,25 +125,15 @@ static int fill_bundles(struct gather_probe *probe, const struct receivers *rece
     return 0;
 }
 
-int gather_probe_make(struct gather_probe *probe, const struct receivers *receivers,
-                      const struct reach_bundles *bundles, float (*light)[3],
+int gather_probe_make(struct gather_probe *probe, const struct gather_stock *stock,
                       struct nacre_error *error)
 {
-    double *powers = calloc(bundles->count + 1, sizeof *powers);
-    *probe = (struct gather_probe){.draws = GATHER_PROBES,
+    *probe = (struct gather_probe){.stock = stock,
+                                   .draws = GATHER_PROBES,
                                    .groups = calloc(GATHER_PROBES, sizeof *probe->groups),
                                    .chances = calloc(GATHER_PROBES, sizeof *probe->chances)};
-    int status = powers && probe->groups && probe->chances ? 0 : -1;
-    for (size_t i = 0; status == 0 && i < bundles->count; i++) {
-        powers[i] = power_of(receivers, bundles, i, light);
-        probe->power += powers[i];
-    }
-    if (status == 0) {
-        draw(probe, powers, bundles->count);
-        status = fill_bundles(probe, receivers, bundles);
-    }
-    free(powers);
-    if (status != 0) {
+    if (!probe->groups || !probe->chances || draw(probe, stock->stages[0].bundles.count) != 0 ||
+        fill_bundles(probe) != 0) {
         gather_probe_finish(probe);
         return nacre_fail_memory(error, "the check on the gathered light");
     }
@@ -138,24 +148,45 @@ void gather_probe_finish(struct gather_probe *probe)
     *probe = (struct gather_probe){0};
 }
 
-double gather_probe_error(const struct gather_probe *probe, const struct receivers *receivers,
-                          const struct reach_bundles *bundles, float (*light)[3], float (*exact)[3])
+/* Squares of one group over its chance: of what is off and of what should be. */
+struct squares {
+    double off, exact;
+};
+
+static struct squares compare(const struct gather_probe *probe, size_t draw, float (*light)[3],
+                              float (*exact)[3])
 {
-    double sum = 0, squares = 0, count = (double)probe->draws;
-    for (size_t i = 0; i < probe->draws; i++) {
-        double off = 0;
-        for (size_t k = probe->groups[i] * LANES; k < (probe->groups[i] + 1) * LANES; k++) {
-            uint32_t vertex = receivers->vertices[bundles->order[k]];
-            const float difference[3] = {light[vertex][0] - exact[vertex][0],
-                                         light[vertex][1] - exact[vertex][1],
-                                         light[vertex][2] - exact[vertex][2]};
-            off += begins(receivers, bundles, k) ? square_of(difference) : 0;
+    const struct receivers *receivers = &probe->stock->receivers;
+    const struct reach_bundles *bundles = &probe->stock->stages[0].bundles;
+    struct squares sum = {0};
+    for (size_t k = probe->groups[draw] * LANES; k < (probe->groups[draw] + 1) * LANES; k++) {
+        if (!begins(receivers, bundles, k)) {
+            continue;
         }
-        sum += off / probe->chances[i];
-        squares += off / probe->chances[i] * off / probe->chances[i];
+        const float *one = light[receivers->vertices[bundles->order[k]]];
+        const float *two = exact[receivers->vertices[bundles->order[k]]];
+        const float difference[3] = {one[0] - two[0], one[1] - two[1], one[2] - two[2]};
+        sum.off += square_of(difference) / probe->chances[draw];
+        sum.exact += square_of(two) / probe->chances[draw];
     }
-    double mean = sum / count, variance = fmax(squares / count - mean * mean, 0) / (count - 1);
-    double most = mean + standard_errors * sqrt(variance);
-    return most > 0 ? sqrt(most / probe->power)
-                    : 0; /* infinite where only the exact light is not 0 */
+    return sum;
+}
+
+double gather_probe_error(const struct gather_probe *probe, float (*light)[3], float (*exact)[3])
+{
+    double off = 0, all = 0, scatter = 0, count = (double)probe->draws;
+    for (size_t i = 0; i < probe->draws; i++) {
+        struct squares squares = compare(probe, i, light, exact);
+        off += squares.off;
+        all += squares.exact;
+    }
+    if (!(all > 0) || probe->draws < 2) {
+        return HUGE_VAL;
+    }
+    for (size_t i = 0; i < probe->draws; i++) {
+        struct squares squares = compare(probe, i, light, exact);
+        double rest = squares.off - off / all * squares.exact;
+        scatter += rest * rest;
+    }
+    return sqrt((off + standard_errors * sqrt(scatter * count / (count - 1))) / all);
 }

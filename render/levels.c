@@ -212,6 +212,12 @@ int levels_make(struct levels *levels, const struct appearance *appearance, doub
     return status;
 }
 
+bool levels_equal(const struct levels *a, const struct levels *b)
+{
+    return !(a->points.begin < b->points.begin || a->points.begin > b->points.begin ||
+             a->points.end < b->points.end || a->points.end > b->points.end);
+}
+
 void levels_finish(struct levels *levels)
 {
     free(levels->near_owned);

@@ -45,6 +45,9 @@ struct levels {
 /* Choose rings so that the estimated error is at most `tolerance`; 0: every sample by itself. */
 int levels_make(struct levels *levels, const struct appearance *appearance, double tolerance,
                 struct nacre_error *error);
+
+/* Of one material: whether all rings are the same. */
+bool levels_equal(const struct levels *a, const struct levels *b);
 void levels_finish(struct levels *levels);
 
 #endif

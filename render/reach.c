@@ -31,6 +31,55 @@ int reach_bundle(struct reach_bundles *bundles, const struct receiver *receivers
     return NACRE_OK;
 }
 
+/* Whether the bundle that began at `first` must end before `next`. */
+static bool is_apart(const struct receiver *first, const struct receiver *next, double apart)
+{
+    double square = 0;
+    for (int k = 0; k < 3; k++) {
+        double away = (double)first->position[k] - next->position[k];
+        square += away * away;
+    }
+    return square > apart * apart;
+}
+
+int reach_bundle_some(struct reach_bundles *bundles, const struct receiver *receivers,
+                      const struct reach_bundles *all, const bool *wanted, double apart,
+                      struct nacre_error *error)
+{
+    size_t stride = sizeof *receivers / sizeof(float), count = 0, most = 0;
+    for (size_t i = 0; i < all->count * LANES; i++) {
+        most += wanted[all->order[i]];
+    }
+    *bundles = (struct reach_bundles){.order = calloc(most * LANES + 1, sizeof *bundles->order),
+                                      .boxes = calloc(most + 1, sizeof *bundles->boxes)};
+    if (!bundles->order || !bundles->boxes) {
+        reach_bundles_finish(bundles);
+        return nacre_fail_memory(error, "the mesh's receivers");
+    }
+    for (size_t i = 0; i < all->count * LANES; i++) {
+        uint32_t index = all->order[i];
+        if (!wanted[index] || (i > 0 && index == all->order[i - 1])) {
+            continue;
+        }
+        const uint32_t *first = bundles->order + count / LANES * LANES;
+        while (count % LANES > 0 && is_apart(&receivers[*first], &receivers[index], apart)) {
+            bundles->order[count] = bundles->order[count - 1];
+            count++;
+        }
+        bundles->order[count++] = index;
+    }
+    while (count % LANES > 0) {
+        bundles->order[count] = bundles->order[count - 1];
+        count++;
+    }
+    bundles->count = count / LANES;
+    for (size_t i = 0; i < bundles->count; i++) {
+        bundles->boxes[i] =
+            bundles_box(receivers[0].position, stride, bundles->order + i * LANES, LANES);
+    }
+    return NACRE_OK;
+}
+
 void reach_bundles_finish(struct reach_bundles *bundles)
 {
     free(bundles->order);

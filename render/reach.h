@@ -7,6 +7,8 @@
 #include "render/receivers.h"
 #include "render/sources.h"
 
+#include <stdbool.h>
+
 enum { REACH_LANES = 16 };
 
 /* Receivers by 16, close together: bundle i has order[16 i ...]; the last is filled up with its last receiver. */
@@ -23,6 +25,11 @@ struct reach {
 
 int reach_bundle(struct reach_bundles *bundles, const struct receiver *receivers, size_t count,
                  struct nacre_error *error);
+
+/* Bundles of some receivers only; those `apart` or more from each other share none. */
+int reach_bundle_some(struct reach_bundles *bundles, const struct receiver *receivers,
+                      const struct reach_bundles *all, const bool *wanted, double apart,
+                      struct nacre_error *error);
 void reach_bundles_finish(struct reach_bundles *bundles);
 
 /* Runs that are from `inner` to `outer` mm away, or partly so. */

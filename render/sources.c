@@ -529,30 +529,27 @@ static int fill_pyramid(struct sources *sources, const struct appearance *appear
     return 0;
 }
 
-int sources_make(struct sources *sources, const struct source_set *samples,
-                 const struct appearance *appearance, const struct levels *levels, double point_mm,
-                 struct nacre_error *error)
+int sources_extend(struct sources *sources, const struct source_set *samples,
+                   const struct appearance *appearance, const struct levels *levels,
+                   double point_mm, struct nacre_error *error)
 {
     size_t parts =
         appearance->layout == NACRE_KERNEL_PER_TERM ? 1 : (size_t)appearance->basis.parts;
-    *sources = (struct sources){.moment_size = parts * (size_t)appearance->terms * 4};
     int status = 0;
-    if (levels->merges) {
+    sources->moment_size = parts * (size_t)appearance->terms * 4;
+    if (levels->merges && !sources->points.list) {
         uint32_t *numbers = calloc(samples->count + 1, sizeof *numbers);
         status = numbers ? merge_set(samples, 1, point_mm, &sources->points, numbers) : -1;
         free(numbers);
     }
-    for (int i = 0; status == 0 && i < levels->count; i++) {
+    for (int i = sources->count; status == 0 && i < levels->count; i++) {
         status = sum_squares(sources, appearance, i, point_mm);
         if (status == 0) {
             status = fill_pyramid(sources, appearance, i);
         }
+        sources->count += status == 0;
     }
-    if (status != 0) {
-        sources_finish(sources);
-        return nacre_fail_memory(error, "summing up the light samples");
-    }
-    return NACRE_OK;
+    return status == 0 ? NACRE_OK : nacre_fail_memory(error, "summing up the light samples");
 }
 
 void sources_finish(struct sources *sources)

@@ -28,6 +28,7 @@ struct source_set {
 };
 
 struct sources {
+    int count; /* of levels of squares */
     struct source_set points, squares[LEVELS_MAXIMUM];
     size_t moment_size; /* floats: [parts][terms][4], with a kernel per term [terms][4] */
     float *moments[LEVELS_MAXIMUM]; /* of the squares */
@@ -39,10 +40,10 @@ int sources_take(struct source_set *set, const struct light_samples *samples,
                  struct nacre_error *error);
 void source_set_finish(struct source_set *set);
 
-/* Sum them up as far as the levels ask for it. */
-int sources_make(struct sources *sources, const struct source_set *samples,
-                 const struct appearance *appearance, const struct levels *levels, double point_mm,
-                 struct nacre_error *error);
+/* Sum them up as far as the levels ask for it, which is more than there is already; `sources` begins as zeros. */
+int sources_extend(struct sources *sources, const struct source_set *samples,
+                   const struct appearance *appearance, const struct levels *levels,
+                   double point_mm, struct nacre_error *error);
 void sources_finish(struct sources *sources);
 
 #endif

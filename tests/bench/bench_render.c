@@ -170,12 +170,13 @@ static struct outcome run(struct bench *bench, const struct way *way, size_t eve
         must(gather_run(&gather, &bench->opencl, NULL, radiosity, &counts, &error));
         outcome.gather = timing_since(start).processor;
         double receivers = (double)counts.receivers;
-        printf("  %.3f s before, %.3f s in launches (wall); %.1f near pairs, %.2f posts and %.1f "
+        printf("  %.3f s before, %.3f s to choose, %.3f s in all (wall); %.1f near pairs, %.2f "
+               "posts and %.1f "
                "far pairs a "
                "receiver; at most %.3f %%\n",
-               counts.prepare_seconds, counts.launch_seconds, (double)counts.points / receivers,
-               (double)counts.posts / receivers, (double)counts.squares / receivers,
-               100 * counts.error);
+               counts.prepare_seconds, counts.choose_seconds, counts.launch_seconds,
+               (double)counts.points / receivers, (double)counts.posts / receivers,
+               (double)counts.squares / receivers, 100 * counts.error);
     }
     samples_finish(&samples);
     return outcome;

@@ -1,0 +1,94 @@
+/* Making what passes share. */
+#include "render/gather_stock.h"
+
+#include "render/gather_device.h"
+
+#include <stdlib.h>
+
+void gather_by_terms(const float *from, size_t planes, size_t terms, float *to)
+{
+    for (size_t t = 0; t < terms; t++) {
+        for (size_t c = 0; c < 3; c++) {
+            to[t * 4 + c] = from[(planes == 1 ? 0 : c) * terms + t];
+        }
+        to[t * 4 + 3] = 0;
+    }
+}
+
+static int fill_factors(struct gather_stock *stock, struct nacre_error *error)
+{
+    const struct appearance *a = stock->gather->appearance;
+    size_t texels = (size_t)a->width * (size_t)a->height, terms = (size_t)a->terms;
+    size_t planes = (size_t)a->factor_channels;
+    stock->factors = device_allocate(texels * terms * 4 * sizeof *stock->factors, error);
+    if (!stock->factors) {
+        return NACRE_FAILED;
+    }
+#pragma omp parallel for
+    for (size_t i = 0; i < texels; i++) {
+        gather_by_terms(a->f + i * terms * planes, planes, terms, stock->factors + i * terms * 4);
+    }
+    return NACRE_OK;
+}
+
+int gather_stock_make(struct gather_stock *stock, const struct gather *gather,
+                      struct nacre_error *error)
+{
+    struct gather_stage *vertices = &stock->stages[0];
+    *stock = (struct gather_stock){.gather = gather};
+    if (sources_take(&stock->samples, gather->samples, error) != NACRE_OK) {
+        return NACRE_FAILED;
+    }
+    if (stock->samples.count == 0 || !gather->appearance->gathers) {
+        return NACRE_OK;
+    }
+    if (receivers_make(&stock->receivers, gather->mesh, gather->mapping, gather->appearance,
+                       error) != NACRE_OK) {
+        return NACRE_FAILED;
+    }
+    vertices->receivers = stock->receivers.list;
+    vertices->count = stock->receivers.count;
+    stock->stage_count = 1;
+    return reach_bundle(&vertices->bundles, vertices->receivers, vertices->count, error) == NACRE_OK
+               ? fill_factors(stock, error)
+               : NACRE_FAILED;
+}
+
+int gather_stock_extend(struct gather_stock *stock, const struct levels *levels,
+                        struct nacre_error *error)
+{
+    double point = stock->gather->mapping->point_mm;
+    if (sources_extend(&stock->sources, &stock->samples, stock->gather->appearance, levels, point,
+                       error) != NACRE_OK) {
+        return NACRE_FAILED;
+    }
+    for (; stock->stage_count <= levels->count; stock->stage_count++) {
+        struct gather_stage *fine = &stock->stages[stock->stage_count - 1], *coarse = fine + 1;
+        double spacing = (double)(1 << stock->stage_count);
+        posts_finish(&fine->posts);
+        reach_bundles_finish(&coarse->bundles);
+        if (posts_make(&fine->posts, fine->receivers, fine->count, spacing, point, error) !=
+            NACRE_OK) {
+            return NACRE_FAILED;
+        }
+        coarse->receivers = fine->posts.list;
+        coarse->count = fine->posts.count;
+        if (reach_bundle(&coarse->bundles, coarse->receivers, coarse->count, error) != NACRE_OK) {
+            return NACRE_FAILED;
+        }
+    }
+    return NACRE_OK;
+}
+
+void gather_stock_finish(struct gather_stock *stock)
+{
+    for (int i = 0; i <= LEVELS_MAXIMUM; i++) {
+        reach_bundles_finish(&stock->stages[i].bundles);
+        posts_finish(&stock->stages[i].posts);
+    }
+    receivers_finish(&stock->receivers);
+    source_set_finish(&stock->samples);
+    sources_finish(&stock->sources);
+    free(stock->factors);
+    *stock = (struct gather_stock){0};
+}

@@ -1,0 +1,41 @@
+/* What the passes of a gather share: receivers, lit samples, what they are summed up to, and lattices of posts, each made
+ * when the first pass asks for it. */
+#ifndef RENDER_GATHER_STOCK_H
+#define RENDER_GATHER_STOCK_H
+
+#include "render/gather.h"
+#include "render/levels.h"
+#include "render/posts.h"
+#include "render/reach.h"
+#include "render/sources.h"
+
+/* A lattice of posts, or the vertices. */
+struct gather_stage {
+    const struct receiver *receivers;
+    size_t count;
+    struct reach_bundles bundles;
+    struct posts posts; /* of the next coarser lattice, once there is one */
+};
+
+struct gather_stock {
+    const struct gather *gather;
+    struct receivers receivers;
+    struct source_set samples;
+    struct sources sources;
+    struct gather_stage stages[LEVELS_MAXIMUM + 1]; /* vertices, then posts from fine to coarse */
+    int stage_count;                                /* at least 1, if there are receivers */
+    float *factors;                                 /* F: [height][width][terms][4] */
+};
+
+int gather_stock_make(struct gather_stock *stock, const struct gather *gather,
+                      struct nacre_error *error);
+
+/* Make what passes of these levels need. */
+int gather_stock_extend(struct gather_stock *stock, const struct levels *levels,
+                        struct nacre_error *error);
+void gather_stock_finish(struct gather_stock *stock);
+
+/* from[planes][terms] to to[terms][4], planes being 1 or 3. */
+void gather_by_terms(const float *from, size_t planes, size_t terms, float *to);
+
+#endif
