@@ -39,6 +39,7 @@
 #define LANES 16
 #define LINKS 9 /* posts of a receiver */
 #define MOMENT ((PER_TERM ? 1 : PARTS) * TERMS4) /* float16s */
+#define INLINE __attribute__((always_inline))
 #define LANE(vector, type, j) (((const type *)&(vector))[j])
 
 /* 16 receivers, field by field. */
@@ -68,7 +69,7 @@ struct offsets {
     int16 inside, place, foreign;
 };
 
-int wrap(int i, int size)
+INLINE int wrap(int i, int size)
 {
     int period = MIRROR ? 2 * size : size;
     int inside = i % period;
@@ -76,7 +77,7 @@ int wrap(int i, int size)
     return inside < size ? inside : 2 * size - 1 - inside;
 }
 
-struct offsets offsets_from(const struct bundle *to, __global const struct source *from, const struct ring *ring)
+INLINE struct offsets offsets_from(const struct bundle *to, __global const struct source *from, const struct ring *ring)
 {
     struct offsets o;
     float16 ox = to->px - from->px, oy = to->py - from->py, oz = to->pz - from->pz;
@@ -114,40 +115,40 @@ struct offsets offsets_from(const struct bundle *to, __global const struct sourc
 }
 
 /* From 0 to 1, as levels.c has it. */
-float16 rise(float16 r, float from, float steepness)
+INLINE float16 rise(float16 r, float from, float steepness)
 {
     float16 t = clamp((r - from) * steepness, (float16)0, (float16)1);
     return t * t * t * fma(t, fma((float16)6, t, (float16)-15), (float16)10);
 }
 
-float16 window(const struct offsets *o, const struct ring *ring)
+INLINE float16 window(const struct offsets *o, const struct ring *ring)
 {
     float16 r = sqrt(o->square) * (1 / POINT_MM);
     return rise(r, ring->rise_from, ring->rise_steepness) - rise(r, ring->fall_from, ring->fall_steepness);
 }
 
 /* Whether a source is too far from all of the receivers. */
-bool out_of_reach(const struct bundle *to, __global const struct source *from, const struct ring *ring)
+INLINE bool out_of_reach(const struct bundle *to, __global const struct source *from, const struct ring *ring)
 {
     float4 place = (float4)(from->px, from->py, from->pz, 0);
     float4 away = fmax(fmax(vload4(0, to->low) - place, place - vload4(0, to->high)), (float4)0);
     return dot(away, away) >= ring->outer_square;
 }
 
-float4 fold(float16 v)
+INLINE float4 fold(float16 v)
 {
     float8 half_sum = v.lo + v.hi;
     return half_sum.lo + half_sum.hi;
 }
 
-float16 between16(__global const float16 *g, int right, int down, float fx, float fy)
+INLINE float16 between16(__global const float16 *g, int right, int down, float fx, float fy)
 {
     float16 upper = fma(g[right] - g[0], (float16)fx, g[0]);
     float16 lower = fma(g[down + right] - g[down], (float16)fx, g[down]);
     return fma(lower - upper, (float16)fy, upper);
 }
 
-float4 between4(__global const float4 *g, int right, int down, float fx, float fy)
+INLINE float4 between4(__global const float4 *g, int right, int down, float fx, float fy)
 {
     float4 upper = fma(g[right] - g[0], (float4)fx, g[0]);
     float4 lower = fma(g[down + right] - g[down], (float4)fx, g[down]);
@@ -162,7 +163,7 @@ struct sight {
 };
 
 /* sum_t F H G by colour. `bends` counts times the variance; NULL for single samples. */
-float4 response(const struct sight *at, __global const float16 *factors, __global const float16 *h,
+INLINE float4 response(const struct sight *at, __global const float16 *factors, __global const float16 *h,
                 __global const float4 *kernels, __global const float4 *bends, __global const uint *ids,
                 __global const float *weights)
 {
@@ -199,7 +200,7 @@ float4 response(const struct sight *at, __global const float16 *factors, __globa
 
 /* Row and column of the surface point that receiver j sees in the direction of a source that is elsewhere in the
  * texture. */
-int2 seen_point(const struct bundle *to, const struct offsets *o, int j)
+INLINE int2 seen_point(const struct bundle *to, const struct offsets *o, int j)
 {
     return (int2)(wrap(convert_int_rtn(LANE(to->y, float, j) - LANE(o->dy, float, j)), HEIGHT),
                   wrap(convert_int_rtn(LANE(to->x, float, j) - LANE(o->dx, float, j)), WIDTH));
@@ -213,7 +214,7 @@ struct runs {
 };
 
 /* What samples, or surface points' light, give each vertex of a bundle. */
-void add_near(const struct bundle *to, size_t index, const struct runs *runs, const struct ring *ring, float4 *sums,
+INLINE void add_near(const struct bundle *to, size_t index, const struct runs *runs, const struct ring *ring, float4 *sums,
               __global const float16 *factors, __global const float16 *h, __global const float4 *kernels,
               __global const float4 *bends, __global const uint *ids, __global const float *weights)
 {
@@ -229,7 +230,8 @@ void add_near(const struct bundle *to, size_t index, const struct runs *runs, co
                 continue;
             }
             float4 flux = (float4)(from->red, from->green, from->blue, 0);
-            float16 share = window(&o, ring);
+            bool windowed = ring->rise_from > 0 || ring->fall_from < INFINITY;
+            float16 share = windowed ? window(&o, ring) : (float16)1;
             for (int j = 0; j < LANES; j++) {
                 if (LANE(o.inside, int, j)) {
                     struct sight at = {from->texel, LANE(to->column, int, j), LANE(o.place, int, j), ring->side,
@@ -246,7 +248,7 @@ void add_near(const struct bundle *to, size_t index, const struct runs *runs, co
 }
 
 /* The posts' sums around a receiver, in its own place. */
-void interpolate(__global const float16 *posts, __global const uint *links, __global const float *shares,
+INLINE void interpolate(__global const float16 *posts, __global const uint *links, __global const float *shares,
                  float16 *sums)
 {
     for (int i = 0; i < LINKS; i++) {
@@ -258,7 +260,7 @@ void interpolate(__global const float16 *posts, __global const uint *links, __gl
 }
 
 /* What one square's light gives one post, term by term. */
-void add_square(float16 *sums, __global const float16 *moment, float4 flux, __global const float4 *kernels, int side,
+INLINE void add_square(float16 *sums, __global const float16 *moment, float4 flux, __global const float4 *kernels, int side,
                 float fx, float fy)
 {
 #if PER_TERM

@@ -226,7 +226,8 @@ static int gather_vertices(struct run *run, cl_mem out, struct nacre_error *erro
         .memory = &run->memory, .kernel = run->pass->device->gather, .count = 1, .error = error};
     set_bundles(&arguments, stage);
     set_h(run, &arguments);
-    set_near(run, &arguments, stage, &run->stock->samples, levels->samples, &run->reaches[0]);
+    set_near(run, &arguments, stage, levels->merges ? &run->stock->samples : &run->stock->by_kernel,
+             levels->samples, &run->reaches[0]);
     set_near(run, &arguments, stage, &run->stock->sources.points, levels->points, &run->reaches[1]);
     device_set_shared(&arguments, levels->near, table);
     device_set_shared(&arguments, levels->bends, levels->merges ? table : 0);

@@ -4,6 +4,9 @@
 #include "render/gather_device.h"
 
 #include <stdlib.h>
+#include <string.h>
+
+enum { BLOCK = 64 };
 
 void gather_by_terms(const float *from, size_t planes, size_t terms, float *to)
 {
@@ -54,10 +57,37 @@ int gather_stock_make(struct gather_stock *stock, const struct gather *gather,
                : NACRE_FAILED;
 }
 
+/* Where every sample is taken, those of one kernel follow each other in each block: kernels then stay in the cache.
+ * Insertion sort, as blocks are short. */
+static int sort_by_kernel(struct gather_stock *stock, struct nacre_error *error)
+{
+    const struct appearance *a = stock->gather->appearance;
+    size_t count = stock->samples.count, mixed = (size_t)a->mixed;
+    struct source *list = device_allocate((count + 1) * sizeof *list, error);
+    if (!list) {
+        return NACRE_FAILED;
+    }
+    memcpy(list, stock->samples.list, count * sizeof *list);
+    stock->by_kernel = (struct source_set){count, list};
+    for (size_t i = 0; a->ids && i < count; i++) {
+        struct source moved = list[i];
+        uint32_t id = a->ids[moved.texel * mixed];
+        size_t j = i;
+        for (; j % BLOCK > 0 && a->ids[list[j - 1].texel * mixed] > id; j--) {
+            list[j] = list[j - 1];
+        }
+        list[j] = moved;
+    }
+    return NACRE_OK;
+}
+
 int gather_stock_extend(struct gather_stock *stock, const struct levels *levels,
                         struct nacre_error *error)
 {
     double point = stock->gather->mapping->point_mm;
+    if (!levels->merges && !stock->by_kernel.list && sort_by_kernel(stock, error) != NACRE_OK) {
+        return NACRE_FAILED;
+    }
     if (sources_extend(&stock->sources, &stock->samples, stock->gather->appearance, levels, point,
                        error) != NACRE_OK) {
         return NACRE_FAILED;
@@ -88,6 +118,7 @@ void gather_stock_finish(struct gather_stock *stock)
     }
     receivers_finish(&stock->receivers);
     source_set_finish(&stock->samples);
+    source_set_finish(&stock->by_kernel);
     sources_finish(&stock->sources);
     free(stock->factors);
     *stock = (struct gather_stock){0};

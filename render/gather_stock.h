@@ -21,6 +21,7 @@ struct gather_stock {
     const struct gather *gather;
     struct receivers receivers;
     struct source_set samples;
+    struct source_set by_kernel; /* the same, for passes that take them all */
     struct sources sources;
     struct gather_stage stages[LEVELS_MAXIMUM + 1]; /* vertices, then posts from fine to coarse */
     int stage_count;                                /* at least 1, if there are receivers */
