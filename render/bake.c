@@ -8,8 +8,8 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* See gather.h. Even light on a small kernel stays within 1 % (tests). */
-static const double tolerance = 5e-3;
+/* See gather.h. Samples scatter by more: 0.5 % at what `nacre render` takes (docs/rendering.md). */
+static const double tolerance = 2e-3;
 
 static double seconds_since(int64_t start_ns)
 {

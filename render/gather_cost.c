@@ -4,7 +4,6 @@
 #include "render/gather_probe.h"
 
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 
 /* Nanoseconds of a processor that has eight floats to an instruction, at 3 GHz (bench_render): a pair of a receiver and a
@@ -100,14 +99,6 @@ struct gather_cost gather_cost_of(const struct gather_stock *stock, const struct
                   cost_of_squares(levels, points, reach) * parts * products * square_ns +
                   (double)samples->count * sample_ns + points * point_ns + probes * cost.plain;
     cost.summed = levels->merges ? cost.summed / margin : HUGE_VAL;
-    if (getenv("GC")) {
-        fprintf(stderr,
-                "  model: plain %.2f s, summed %.2f s: near %.1f points %.1f squares "
-                "pairs/receiver %.2f parts %g all %.0f levels %d merge %.2f sq %.2f\n",
-                cost.plain * 1e-9, cost.summed * 1e-9, near, merged * around,
-                cost_of_squares(levels, points, reach) / count, parts, all, levels->count,
-                levels->points.begin, levels->points.end);
-    }
     free(profile);
     return cost;
 }

@@ -290,10 +290,12 @@ static int need_posts(const struct run *run, int index, struct reach_bundles *ou
 
 static int make_stages(struct run *run, struct nacre_error *error)
 {
+    for (int i = 0; i <= LEVELS_MAXIMUM; i++) {
+        run->stages[i].all = &run->stock->stages[i];
+        run->stages[i].bundles = &run->stock->stages[i].bundles;
+    }
     for (int i = 0; i <= run->levels->count; i++) {
         struct stage *stage = &run->stages[i];
-        stage->all = &run->stock->stages[i];
-        stage->bundles = &stage->all->bundles;
         if (run->pass->vertices && i > 0) {
             if (need_posts(run, i - 1, &stage->own, error) != NACRE_OK) {
                 return NACRE_FAILED;

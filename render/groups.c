@@ -56,8 +56,9 @@ static bool grow(struct groups *groups)
             *slot_for(&larger, groups->slots[i].key) = groups->slots[i];
         }
     }
-    free(groups->slots);
+    struct group_slot *old = groups->slots;
     *groups = larger;
+    free(old);
     return true;
 }
 

@@ -134,10 +134,11 @@ static int cut_basis(struct levels *levels, const struct appearance *appearance,
     struct level *level = &levels->squares[index];
     size_t side = (size_t)appearance->window + 2, entry = (size_t)basis->parts * 4;
     size_t step = (size_t)1 << index, size = side * side * entry;
-    double square = (double)(4 * step * step), variance = 0;
-    for (double s = square; s > 3; s /= 4) {
-        variance +=
-            s / 4 + s / 6; /* of the interpolation down to the vertices, and of light handed up */
+    double variance = 0;
+    for (int i = 0; i <= index; i++) {
+        double square = (double)((size_t)4 << 2 * i);
+        /* Of the interpolation down to the vertices, and of light handed up. */
+        variance += square / 4 + square / 6;
     }
     float *cut = malloc(size * sizeof *cut), *bend = malloc(size * sizeof *bend);
     *level = (struct level){.inner = fmax(LEVELS_RISE * ring.begin - 0.5 - (double)step, 0),
@@ -151,10 +152,12 @@ static int cut_basis(struct levels *levels, const struct appearance *appearance,
         if (index == 0) {
             add_bends(from, side, entry, 1, 1.0 / 12, bend);
         }
-        for (size_t i = 0; i < size; i++) {
-            float value = (float)window(ring, offset_of(i / entry, (int)side));
-            cut[i] = value * from[i];
-            to[i] = cut[i] + value * bend[i];
+        for (size_t place = 0; place < side * side; place++) {
+            float value = (float)window(ring, offset_of(place, (int)side));
+            for (size_t i = place * entry; i < (place + 1) * entry; i++) {
+                cut[i] = value * from[i];
+                to[i] = cut[i] + value * bend[i];
+            }
         }
         if (index == 0) {
             add_bends(cut, side, entry, 1, -1.0 / 12, to);

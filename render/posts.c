@@ -35,8 +35,9 @@ struct lattice {
 
 static struct group_key key_of(const struct lattice *lattice, const struct receiver *r, size_t k)
 {
+    double row = (double)(k >= 3) + (double)(k >= 6);
     double x = floor((double)r->along_x[3] / lattice->spacing - shift) + (double)(k % 3) - 1;
-    double y = floor((double)r->along_y[3] / lattice->spacing - shift) + (double)(k / 3) - 1;
+    double y = floor((double)r->along_y[3] / lattice->spacing - shift) + row - 1;
     int32_t kind =
         (r->column * 64 + r->chart) * 4 + (r->flip_x < 0 ? 2 : 0) + (r->flip_y < 0 ? 1 : 0);
     return (struct group_key){kind, (int32_t)fmin(fmax(x, -1e9), 1e9),

@@ -171,12 +171,15 @@ static struct source source_of(const struct heap *heap, double point_mm)
     return source;
 }
 
-/* Sum up a set; numbers[i] becomes the number in `to` of source i of `from`. */
+/* Sum up a set by squares of `size` points. */
 static int merge_set(const struct source_set *from, double size, double point_mm,
-                     struct source_set *to, uint32_t *numbers)
+                     struct source_set *to)
 {
-    struct merge merge = {.from = from, .size = size, .point_mm = point_mm, .numbers = numbers};
-    int status = group(&merge);
+    struct merge merge = {.from = from,
+                          .size = size,
+                          .point_mm = point_mm,
+                          .numbers = calloc(from->count + 1, sizeof *merge.numbers)};
+    int status = merge.numbers ? group(&merge) : -1;
     if (status == 0) {
         to->count = merge.groups.count;
         to->list = calloc(to->count + 1, sizeof *to->list);
@@ -186,6 +189,7 @@ static int merge_set(const struct source_set *from, double size, double point_mm
         to->list[i] = source_of(&merge.heaps[i], point_mm);
     }
     groups_end(&merge.groups);
+    free(merge.numbers);
     free(merge.heaps);
     return status;
 }
@@ -538,9 +542,7 @@ int sources_extend(struct sources *sources, const struct source_set *samples,
     int status = 0;
     sources->moment_size = parts * (size_t)appearance->terms * 4;
     if (levels->merges && !sources->points.list) {
-        uint32_t *numbers = calloc(samples->count + 1, sizeof *numbers);
-        status = numbers ? merge_set(samples, 1, point_mm, &sources->points, numbers) : -1;
-        free(numbers);
+        status = merge_set(samples, 1, point_mm, &sources->points);
     }
     for (int i = sources->count; status == 0 && i < levels->count; i++) {
         status = sum_squares(sources, appearance, i, point_mm);

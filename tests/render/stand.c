@@ -144,14 +144,25 @@ static struct gather gather_of(struct stand *stand, double tolerance)
                            .tolerance = tolerance};
 }
 
-struct gather_counts stand_gather(struct stand *stand, double tolerance)
+static struct gather_counts run(struct stand *stand, double tolerance, enum gather_way way)
 {
     struct gather gather = gather_of(stand, tolerance);
     struct gather_counts counts;
+    gather.way = way;
     TEST_ASSERT_EQUAL_INT_MESSAGE(
         NACRE_OK, gather_run(&gather, stand_opencl(), NULL, stand->radiosity, &counts, &error),
         error.text);
     return counts;
+}
+
+struct gather_counts stand_gather(struct stand *stand, double tolerance)
+{
+    return run(stand, tolerance, GATHER_SOONEST);
+}
+
+struct gather_counts stand_gather_summed(struct stand *stand, double tolerance)
+{
+    return run(stand, tolerance, GATHER_SUMMED);
 }
 
 void stand_gather_reference(struct stand *stand)
