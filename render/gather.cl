@@ -296,7 +296,7 @@ __kernel void gather_squares(uint first, __global const struct bundle *bundles, 
     size_t index = first + get_global_id(0);
     const struct bundle to = bundles[index];
     float16 sums[LANES * TERMS4];
-    int columns = (WIDTH - 1 >> ring.level) + 1;
+    int columns = ((WIDTH - 1) >> ring.level) + 1;
     for (int j = 0; j < LANES * TERMS4; j++) {
         sums[j] = 0;
     }

@@ -178,9 +178,8 @@ static void look(struct search *search, int depth, size_t begin, size_t end)
     }
 }
 
-/* NOLINTNEXTLINE(readability-non-const-parameter): written through the search */
 static size_t find(const struct boxes *boxes, const struct bundle_box *bundle, double inner,
-                   double outer, uint32_t *runs)
+                   double outer, uint32_t *runs) /* NOLINT: written through the search */
 {
     struct search search = {.boxes = boxes,
                             .bundle = bundle,

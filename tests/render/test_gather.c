@@ -380,6 +380,101 @@ static void the_kernel_agrees_with_the_reference(void)
     }
 }
 
+enum { SETS = 12 };
+
+/* What leaves a ball of a smooth material, [vertex * 3 + channel]; heap. */
+static float *light_of_ball(const struct light *lights, const struct bake_settings *settings,
+                            size_t *values)
+{
+    const struct scene_material box = {.mapping = MAPPING_BOX};
+    stand = stand_make(&material, sphere(6, 0.4), &box);
+    bake_alone(&stand, lights, 2, MODE_FULL, settings);
+    *values = stand.mesh.vertex_count * 3;
+    float *light = malloc(*values * sizeof *light);
+    TEST_ASSERT_NOT_NULL(light);
+    memcpy(light, stand.radiosity, *values * sizeof *light);
+    stand_finish(&stand);
+    return light;
+}
+
+/* Of (a - b) and (c - d), value by value. */
+static double product_of_differences(const float *a, const float *b, const float *c, const float *d,
+                                     size_t values)
+{
+    double sum = 0;
+    for (size_t i = 0; i < values; i++) {
+        sum += ((double)a[i] - b[i]) * ((double)c[i] - d[i]);
+    }
+    return sum;
+}
+
+static double total(const float *light, size_t values)
+{
+    double sum = 0;
+    for (size_t i = 0; i < values; i++) {
+        sum += (double)light[i];
+    }
+    return sum;
+}
+
+/* What exceeds the mean of a chi-square variable of so many degrees of freedom once in 10,000 times, over that mean, by
+ * Wilson and Hilferty. */
+static double chi_square_limit(double freedom)
+{
+    double step = 2 / (9 * freedom);
+    return pow(1 - step + 3.72 * sqrt(step), 3);
+}
+
+/* Whether spread samples have the mean that independent sets of photons have, all light together and vertex by vertex.
+ *
+ * All together: Student's t with 11 degrees of freedom exceeds 5.5 less than once in 5,000 times; the spread samples'
+ * own error comes on top of the mean's.
+ *
+ * Vertex by vertex: the square of the distance between the mean of the photon sets and one spread set has the
+ * expectation tr C / SETS + tr S, for the covariances C of a photon set and S of a spread one, which halves of squared
+ * distances within two sets tell. Neighbours share photons, so that it is as a chi-square of only
+ * (tr C)^2 / tr C^2 degrees of freedom (Welch and Satterthwaite); tr C^2 is the mean square of the product of two
+ * independent differences. */
+static void check_agreement(float *const photons[SETS], float *const spread[2], size_t values)
+{
+    double trace = 0, square_trace = 0, sum = 0, square = 0, distance = 0, all = 0;
+    enum { PAIRS = SETS / 2 };
+    for (int i = 0; i < PAIRS; i++) {
+        const float *a = photons[2 * i], *b = photons[2 * i + 1];
+        trace += product_of_differences(a, b, a, b, values) / 2 / PAIRS;
+        for (int j = 0; j < i; j++) {
+            double product =
+                product_of_differences(a, b, photons[2 * j], photons[2 * j + 1], values) / 2;
+            square_trace += 2 * product * product / (PAIRS * (PAIRS - 1));
+        }
+    }
+    for (int k = 0; k < SETS; k++) {
+        double one = total(photons[k], values);
+        sum += one / SETS;
+        square += one * one / SETS;
+    }
+    double spread_trace =
+        product_of_differences(spread[0], spread[1], spread[0], spread[1], values) / 2;
+    double spread_total = total(spread[0], values);
+    double spread_off = spread_total - total(spread[1], values);
+    double deviation = sqrt((square - sum * sum) / (SETS - 1) + spread_off * spread_off / 2);
+    for (size_t i = 0; i < values; i++) {
+        double mean = 0;
+        for (int k = 0; k < SETS; k++) {
+            mean += (double)photons[k][i] / SETS;
+        }
+        distance += (mean - spread[0][i]) * (mean - spread[0][i]);
+        all += (double)spread[0][i] * spread[0][i];
+    }
+    double freedom = fmin(fmax(trace * trace / square_trace, 1), (double)values);
+    double limit = chi_square_limit(freedom) * (trace / SETS + spread_trace);
+    TEST_ASSERT_DOUBLE_WITHIN(5.5 * deviation, spread_total, sum);
+    TEST_ASSERT_TRUE(distance < limit);
+    /* All this tells something: a mean that is off by 1 % fails, and so does one that is off by 2 % at each vertex. */
+    TEST_ASSERT_TRUE(5.5 * deviation < 0.01 * spread_total);
+    TEST_ASSERT_TRUE(limit < 0.02 * 0.02 * all);
+}
+
 /* Photons are the reference for spread samples. */
 static void photons_and_spread_samples_agree(void)
 {
