@@ -2,12 +2,11 @@
 #include "render/render.h"
 #include "base/opencl.h"
 #include "base/progress.h"
-#include "cmd/json_print.h"
 #include "cmd/render_explain.h"
+#include "cmd/render_print.h"
 #include "cmd/verbs.h"
 #include "nacre/whole_file.h"
 
-#include <jansson.h>
 #include <limits.h>
 #include <math.h>
 #include <stdio.h>
@@ -17,10 +16,13 @@
 
 struct render_options {
     const char *output, *pov, *material;
-    double samples;
+    double samples, error, within;
     int rays, photons, seed, triangles, turntable;
     bool albedo, povray_shadows, preview, explain;
 };
+
+/* Light samples to a surface point. */
+static const double usual_samples = 12;
 
 static const struct option_spec options[] = {
     {.name = "output",
@@ -45,9 +47,27 @@ static const struct option_spec options[] = {
      .argument = "N",
      .minimum = 0.01,
      .maximum = 10000,
-     .fallback = "12",
      .offset = offsetof(struct render_options, samples),
-     .sentence = "light samples to one surface point of the material"},
+     .sentence =
+         "light samples to one surface point of the material; default 12, or as --error and "
+         "--within need"},
+    {.name = "error",
+     .kind = OPTION_REAL,
+     .argument = "E",
+     .minimum = 0,
+     .maximum = 1,
+     .fallback = "1",
+     .offset = offsetof(struct render_options, error),
+     .sentence = "take as many light samples, and sum them up as far, that the light's root mean "
+                 "square error is at most this (0.01 or 1%); 1: any"},
+    {.name = "within",
+     .kind = OPTION_SECONDS,
+     .argument = "TIME",
+     .minimum = 0.001,
+     .maximum = INFINITY,
+     .offset = offsetof(struct render_options, within),
+     .sentence = "be done in this time, reading and drawing included, with as small an error as "
+                 "can be had; together with --error, stop by then"},
     {.name = "rays",
      .kind = OPTION_INT,
      .argument = "N",
@@ -108,87 +128,10 @@ static const struct option_spec options[] = {
      .sentence = "leave the POV-Ray files in this folder, to be edited"},
     {0}};
 
-static uint64_t rays_of(const struct light_work *work)
+/* That OpenGL draws. */
+static int frames_of(const struct render_options *settings)
 {
-    return work->shadow_rays + work->bounce_rays + work->photons;
-}
-
-static void print_object(size_t number, const struct render_object_report *object)
-{
-    const struct bake_counts *counts = &object->counts;
-    (void)printf("object %zu      %zu vertices, %zu triangles", number + 1, object->vertices,
-                 object->triangles);
-    if (object->degenerate > 0) {
-        (void)printf(" (%zu without area left out)", object->degenerate);
-    }
-    (void)printf("\n");
-    if (object->open_edges > 0 || object->crowded_edges > 0) {
-        (void)printf("  edges       %zu have one triangle (the mesh is open), %zu more than two\n",
-                     object->open_edges, object->crowded_edges);
-    }
-    if (!object->translucent) {
-        return;
-    }
-    (void)printf("  light       %zu samples, %llu rays\n", counts->samples,
-                 (unsigned long long)rays_of(&counts->work));
-    (void)printf(
-        "  surface point %.3g mm, drawn larger by %.2f / %.2f / %.2f (5 / 50 / 95 %% of the "
-        "surface)\n",
-        object->point_mm, object->stretch[0], object->stretch[1], object->stretch[2]);
-    if (object->limited) {
-        (void)printf("  coarse      edges are longer than a surface point; raise --triangles\n");
-    }
-}
-
-/* Frames a second of drawing alone; 0: POV-Ray drew. */
-static double frame_rate(const struct render_options *settings, const struct render_report *report)
-{
-    int frames = settings->turntable ? settings->turntable : settings->preview;
-    return frames ? frames / fmax(report->frame_seconds, 1e-9) : 0;
-}
-
-static void print_text(const struct render_options *settings, const struct render_report *report)
-{
-    for (size_t i = 0; i < report->object_count; i++) {
-        print_object(i, &report->objects[i]);
-    }
-    (void)printf("time          mesh %.1f s, light %.1f s, gather %.1f s", report->mesh_seconds,
-                 report->light_seconds, report->gather_seconds);
-    if (settings->preview || settings->turntable) {
-        (void)printf(", preview %.1f s, then %.1f frames a second\n", report->preview_seconds,
-                     frame_rate(settings, report));
-    } else {
-        (void)printf(", export %.1f s, povray %.1f s\n", report->export_seconds,
-                     report->povray_seconds);
-    }
-    (void)printf("picture       %s\n", settings->output);
-}
-
-static int print_json(const struct render_options *settings, const struct render_report *report,
-                      struct nacre_error *error)
-{
-    json_t *objects = json_array();
-    json_t *root =
-        json_pack("{s:s, s:{s:f, s:f, s:f, s:f, s:f, s:f}, s:f, s:o}", "picture", settings->output,
-                  "seconds", "mesh", report->mesh_seconds, "light", report->light_seconds, "gather",
-                  report->gather_seconds, "export", report->export_seconds, "povray",
-                  report->povray_seconds, "preview", report->preview_seconds, "frames_per_second",
-                  frame_rate(settings, report), "objects", objects);
-    for (size_t i = 0; root && i < report->object_count; i++) {
-        const struct render_object_report *o = &report->objects[i];
-        (void)json_array_append_new(
-            objects,
-            json_pack(
-                "{s:I, s:I, s:I, s:I, s:I, s:b, s:I, s:I, s:I, s:f, s:[f, f, f], s:b}", "vertices",
-                (json_int_t)o->vertices, "triangles", (json_int_t)o->triangles, "degenerate",
-                (json_int_t)o->degenerate, "open_edges", (json_int_t)o->open_edges, "crowded_edges",
-                (json_int_t)o->crowded_edges, "translucent", o->translucent, "samples",
-                (json_int_t)o->counts.samples, "pairs",
-                (json_int_t)o->counts.gather.points + (json_int_t)o->counts.gather.squares, "rays",
-                (json_int_t)rays_of(&o->counts.work), "point_mm", o->point_mm, "stretch",
-                o->stretch[0], o->stretch[1], o->stretch[2], "limited", o->limited));
-    }
-    return json_print(root, error);
+    return settings->turntable ? settings->turntable : settings->preview;
 }
 
 /* Whether the picture can be written at all, told before the work and not after it. */
@@ -218,29 +161,61 @@ static char *name_without(const struct scene *scene)
     return text;
 }
 
-static int write_picture(const struct render_options *settings, const char *scene_path,
-                         const struct scene *scene, const char *path, const struct picture *picture,
-                         struct nacre_error *error)
+/* How the light was made, on the heap. */
+static char *name_light(const struct render_options *s, const struct refine_report *refine)
 {
-    char *from = NULL, *how = NULL, *without = name_without(scene);
+    const char *mode = s->albedo ? ", albedo" : "", *drawn = frames_of(s) > 0 ? ", preview" : "";
+    char *text = NULL;
+    int length;
+    if (refine->count > 0) {
+        const struct refine_try *last = &refine->steps[refine->count - 1];
+        length = asprintf(&text,
+                          "render=samples %.4g in two halves, tolerance %.3g, rays %d, seed %d%s%s",
+                          last->density, refine->bias, s->rays, s->seed, mode, drawn);
+    } else {
+        length = asprintf(&text, "render=samples %g, rays %d, photons %d, seed %d%s%s",
+                          s->samples > 0 ? s->samples : usual_samples, s->rays, s->photons, s->seed,
+                          mode, drawn);
+    }
+    return length < 0 ? NULL : text;
+}
+
+/* The error that was reached, on the heap; empty where it is not known. */
+static char *name_error(const struct refine_report *refine)
+{
+    char *text = NULL;
+    int length = asprintf(&text, "error=%.3g estimated (noise %.3g, summing up %.3g), ended by %s",
+                          refine->error, refine->noise, refine->bias,
+                          refine->stopped_by ? refine->stopped_by : "");
+    return length < 0 ? NULL : text;
+}
+
+static int write_picture(const struct render_options *settings, const char *scene_path,
+                         const struct scene *scene, const struct render_report *report,
+                         const char *path, const struct picture *picture, struct nacre_error *error)
+{
+    char *from = NULL, *without = name_without(scene);
+    char *how = name_light(settings, &report->refine), *reached = name_error(&report->refine);
     int status = NACRE_FAILED;
     if (asprintf(&from, "scene=%s", scene_path) < 0) {
         from = NULL;
     }
-    if (asprintf(&how, "render=samples %g, rays %d, photons %d, seed %d%s%s", settings->samples,
-                 settings->rays, settings->photons, settings->seed,
-                 settings->albedo ? ", albedo" : "",
-                 settings->preview || settings->turntable ? ", preview" : "") < 0) {
-        how = NULL;
-    }
-    if (from && how && without) {
-        const char *const attributes[] = {from, how, scene->without_count ? without : NULL, NULL};
+    if (from && how && reached && without) {
+        const char *attributes[5] = {from, how};
+        size_t count = 2;
+        if (report->refine.count > 0) {
+            attributes[count++] = reached;
+        }
+        if (scene->without_count > 0) {
+            attributes[count++] = without;
+        }
         status = picture_write(path, picture, attributes, error);
     } else {
         (void)nacre_fail_memory(error, "the picture's attributes");
     }
     free(from);
     free(how);
+    free(reached);
     free(without);
     return status;
 }
@@ -250,6 +225,7 @@ struct frames {
     const struct render_options *settings;
     const char *path; /* of the scene */
     const struct scene *scene;
+    const struct render_report *report;
 };
 
 static int take_frame(void *context, int number, const struct picture *picture,
@@ -259,13 +235,15 @@ static int take_frame(void *context, int number, const struct picture *picture,
     const char *output = frames->settings->output, *ending = strrchr(output, '.');
     char *path = NULL;
     if (!frames->settings->turntable) {
-        return write_picture(frames->settings, frames->path, frames->scene, output, picture, error);
+        return write_picture(frames->settings, frames->path, frames->scene, frames->report, output,
+                             picture, error);
     }
     if (!ending ||
         asprintf(&path, "%.*s-%03d%s", (int)(ending - output), output, number, ending) < 0) {
         return nacre_fail_memory(error, "the name of a frame");
     }
-    int status = write_picture(frames->settings, frames->path, frames->scene, path, picture, error);
+    int status = write_picture(frames->settings, frames->path, frames->scene, frames->report, path,
+                               picture, error);
     free(path);
     return status;
 }
@@ -276,12 +254,12 @@ static int render_and_write(const struct render_options *settings, const char *p
                             const struct opencl *opencl, struct render_report *report,
                             struct nacre_error *error)
 {
-    struct frames frames = {settings, path, scene};
+    struct frames frames = {settings, path, scene, report};
     struct picture picture = {0};
     int status;
-    if (settings->preview || settings->turntable) {
-        int count = settings->turntable ? settings->turntable : 1;
-        status = render_preview(scene, render, opencl, count, take_frame, &frames, report, error);
+    if (frames_of(settings) > 0) {
+        status = render_preview(scene, render, opencl, frames_of(settings), take_frame, &frames,
+                                report, error);
     } else {
         status = render_scene(scene, render, opencl, &picture, report, error);
     }
@@ -289,10 +267,73 @@ static int render_and_write(const struct render_options *settings, const char *p
         (void)nacre_fail_within(error, "%s", path);
     }
     if (status == NACRE_OK && picture.rgb) {
-        status = write_picture(settings, path, scene, settings->output, &picture, error);
+        status = write_picture(settings, path, scene, report, settings->output, &picture, error);
     }
     picture_finish(&picture);
     return status;
+}
+
+/* Refuse what does not go together before anything is done. */
+static int check_options(const struct render_options *s, struct nacre_error *error)
+{
+    bool chosen = s->error < 1 || s->within > 0;
+    if (!s->output && !s->explain) {
+        (void)nacre_fail(error, "nothing to make; give --output PICTURE or --explain");
+        return OPTIONS_WRONG_USAGE;
+    }
+    if (chosen && (s->samples > 0 || s->photons > 0)) {
+        (void)nacre_fail(error, "--error and --within choose the samples themselves; leave out %s",
+                         s->samples > 0 ? "--samples" : "--photons");
+        return OPTIONS_WRONG_USAGE;
+    }
+    if (s->error <= 0 && !(s->within > 0)) {
+        (void)nacre_fail(error, "no number of samples has an error of 0; give a larger --error, or "
+                                "--within a time to come as near as can be");
+        return OPTIONS_WRONG_USAGE;
+    }
+    return NACRE_OK;
+}
+
+/* The last word on a picture that was written: a wish that was not met is an error, but one that leaves a file. */
+static int judge(const struct render_options *s, const struct refine_goal *goal,
+                 const struct render_report *report, struct nacre_error *error)
+{
+    const struct refine_report *refine = &report->refine;
+    double taken = refine_seconds(goal);
+    if (s->within > 0 && taken > s->within && refine->count == 1) {
+        return nacre_fail(error,
+                          "cannot be done in %.3g s: the least that gives a picture took %.3g s, "
+                          "and %s holds it with an error of about %.2g %%",
+                          s->within, taken, s->output, 100 * refine->error);
+    }
+    if (!refine->error_held) {
+        return nacre_fail(error, "could not reach an error of %.3g %%%s: %s has about %.2g %%",
+                          100 * s->error,
+                          strcmp(refine->stopped_by, "time") == 0 ? " in the time given" : "",
+                          s->output, 100 * refine->error);
+    }
+    if (s->within > 0 && taken > s->within) {
+        return nacre_fail(error, "took %.3g s in place of %.3g s; %s is as it should be", taken,
+                          s->within, s->output);
+    }
+    return NACRE_OK;
+}
+
+static struct render_settings to_settings(const struct render_options *s, bool quiet)
+{
+    return (struct render_settings){
+        .bake = {.density = s->samples > 0 ? s->samples : usual_samples,
+                 .rays = s->rays,
+                 .photons = (size_t)s->photons,
+                 .seed = (uint64_t)s->seed,
+                 .quiet = quiet},
+        .triangle_limit = (size_t)s->triangles,
+        .pov_folder = s->pov,
+        .material = s->material,
+        .albedo = s->albedo,
+        .povray_shadows = s->povray_shadows,
+        .turns = s->turntable > 1,
+    };
 }
 
 static int run(const void *data, const struct invocation *invocation, struct nacre_error *error)
@@ -302,25 +343,16 @@ static int run(const void *data, const struct invocation *invocation, struct nac
     struct scene scene = {0};
     struct opencl opencl = {0};
     struct render_report report = {0};
-    const struct render_settings render = {
-        .bake = {.density = settings->samples,
-                 .rays = settings->rays,
-                 .photons = (size_t)settings->photons,
-                 .seed = (uint64_t)settings->seed,
-                 .quiet = invocation->quiet},
-        .triangle_limit = (size_t)settings->triangles,
-        .pov_folder = settings->pov,
-        .material = settings->material,
-        .albedo = settings->albedo,
-        .povray_shadows = settings->povray_shadows,
-        .turns = settings->turntable > 1,
-    };
+    struct clock clock = clock_monotonic();
+    const struct refine_goal goal = {settings->error, settings->within, &clock,
+                                     clock_now_ns(&clock)};
+    struct render_settings render = to_settings(settings, invocation->quiet);
+    render.goal = settings->error < 1 || settings->within > 0 ? &goal : NULL;
     progress_catch_signals();
-    if (!settings->output && !settings->explain) {
-        (void)nacre_fail(error, "nothing to make; give --output PICTURE or --explain");
-        return OPTIONS_WRONG_USAGE;
+    int status = check_options(settings, error);
+    if (status == NACRE_OK && !settings->explain) {
+        status = check_output(settings->output, error);
     }
-    int status = settings->explain ? NACRE_OK : check_output(settings->output, error);
     if (status == NACRE_OK) {
         status = scene_read(path, &scene, error);
     }
@@ -334,9 +366,12 @@ static int run(const void *data, const struct invocation *invocation, struct nac
         status = render_and_write(settings, path, &scene, &render, &opencl, &report, error);
     }
     if (status == NACRE_OK && invocation->json) {
-        status = print_json(settings, &report, error);
+        status = render_print_json(settings->output, frames_of(settings), &report, error);
     } else if (status == NACRE_OK && !invocation->quiet) {
-        print_text(settings, &report);
+        render_print_text(settings->output, frames_of(settings), &report);
+    }
+    if (status == NACRE_OK && render.goal) {
+        status = judge(settings, &goal, &report, error);
     }
     render_report_finish(&report);
     opencl_close(&opencl);
@@ -356,7 +391,10 @@ const struct verb verb_render = {
         "With "
         "--explain nothing is, and they are listed: which are called for, by which line, at what "
         "cost, and why the others are not. `without: [...]` in the scene forbids some, which the "
-        "picture's metadata then tell.",
+        "picture's metadata then tell.\n\nWith --error or --within, light samples are added step "
+        "by step, in two halves whose difference tells the error, until it is small enough or "
+        "time is up; the error reached is printed and written into the picture's metadata. When "
+        "what was asked for cannot be had, the best picture is written and the exit status is 1.",
     .operand_minimum = 1,
     .operand_maximum = 1,
     .options = options,

@@ -23,12 +23,14 @@ static int64_t now_ns(void)
     return clock_now_ns(&clock);
 }
 
-static int sample_light(const struct lit_surface *surface, const struct lighting *lighting,
+static int sample_light(const struct lit_surface *surface, const struct lighting *lights,
                         const struct bake_settings *settings, struct light_samples *samples,
                         struct nacre_error *error)
 {
     struct progress progress = progress_begin("lighting", settings->quiet);
     double point = surface->mapping->point_mm;
+    struct lighting own = *lights, *lighting = &own;
+    own.before = settings->before / (point * point);
     int status =
         settings->photons > 0 && lighting->light_count > 0
             ? samples_shoot(surface, lighting, settings->photons, &progress, samples, error)
@@ -119,8 +121,13 @@ int bake_object(const struct lit_surface *surface, const struct appearance *appe
     counts->light_seconds += seconds_since(start);
     start = now_ns();
     if (status == NACRE_OK && RENDER_EFFECTS_BUILT(RENDER_SUBSURFACE) && effects->subsurface) {
-        struct gather gather = {mesh,      mapping,       appearance, &samples, effects->same_side,
-                                tolerance, GATHER_SOONEST};
+        struct gather gather = {mesh,
+                                mapping,
+                                appearance,
+                                &samples,
+                                effects->same_side,
+                                settings->tolerance > 0 ? settings->tolerance : tolerance,
+                                GATHER_SOONEST};
         struct progress progress = progress_begin("gathering", settings->quiet);
         status = gather_run(&gather, opencl, &progress, radiosity, &gathered, error);
         progress_end(&progress);

@@ -12,9 +12,11 @@
 #include "render/scene.h"
 
 struct bake_settings {
-    double density; /* light samples to one surface point */
-    int rays;       /* shadow rays from a sample to an area light */
-    size_t photons; /* 0: stratified samples; else this many photons in their place */
+    double density;   /* light samples to one surface point */
+    double before;    /* those behind so many that the same seed made; 0: the first */
+    double tolerance; /* of the gather; 0: the usual one */
+    int rays;         /* shadow rays from a sample to an area light */
+    size_t photons;   /* 0: stratified samples; else this many photons in their place */
     uint64_t seed;
     bool quiet;
 };

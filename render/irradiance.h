@@ -31,6 +31,7 @@ struct lighting {
     int bounces;
     int rays; /* to each soft light, and to other surfaces */
     uint64_t seed;
+    double before; /* samples to the mm^2 that were spread already: others go on where they ended */
 };
 
 /* A point of a surface. `stream` numbers the points: neighbours in number share the light evenly between them. */

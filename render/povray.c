@@ -167,3 +167,19 @@ out:
     free(picture_path);
     return status;
 }
+
+double povray_trace_seconds(const char *folder)
+{
+    char *path = NULL, line[256];
+    double seconds = 0;
+    FILE *file = asprintf(&path, "%s/povray.log", folder) < 0 ? NULL : fopen(path, "r");
+    while (file && fgets(line, sizeof line, file)) {
+        const char *named = strstr(line, "Trace Time:"), *bracket = strchr(line, '(');
+        seconds = named && bracket ? strtod(bracket + 1, NULL) : seconds;
+    }
+    if (file) {
+        (void)fclose(file);
+        free(path);
+    }
+    return seconds;
+}

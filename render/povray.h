@@ -13,4 +13,7 @@
 int povray_render(const char *folder, int width, int height, bool baked, struct progress *progress,
                   struct picture *picture, struct nacre_error *error);
 
+/* Wall seconds that povray spent on pixels alone, by the povray.log that it left; 0 where it does not tell. */
+double povray_trace_seconds(const char *folder);
+
 #endif

@@ -7,7 +7,7 @@
 #include "render/pov_sky.h"
 #include "render/povray.h"
 #include "render/preview.h"
-#include "render/stage.h"
+#include "render/stage_refine.h"
 
 #include <errno.h>
 #include <stdio.h>
@@ -16,11 +16,18 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
+/* The picture at 1 / 4 of its width and height foretells how long it takes. */
+enum { PROBE_SHRINK = 4 };
+
+/* Of writing a picture's file, by pixel, and of all that is not foreseen. */
+static const double write_seconds = 1e-6, spare_seconds = 0.2;
+
 struct work {
     const struct scene *scene;
     const struct render_settings *settings;
     struct stage stage;
     char *temporary; /* folder to remove */
+    const char *folder;
 };
 
 static int64_t now_ns(void)
@@ -121,35 +128,24 @@ static int export_scene(const struct work *work, const char *folder, double scal
     return status;
 }
 
-int render_scene(const struct scene *scene, const struct render_settings *settings,
-                 const struct opencl *opencl, struct picture *picture, struct render_report *report,
-                 struct nacre_error *error)
+/* Have povray draw what the stage holds, at the picture's size over `shrink`. Values are the picture's. */
+static int trace(struct work *work, int shrink, struct picture *picture,
+                 struct render_report *report, struct nacre_error *error)
 {
-    struct work work = {.scene = scene, .settings = settings};
-    const char *folder;
-    double scale = 1;
+    const struct scene_image *image = &work->scene->image;
     int64_t start = now_ns();
-    *report = (struct render_report){0};
-    *picture = (struct picture){0};
-    int status = stage_prepare(&work.stage, scene, settings, report, error);
-    report->mesh_seconds = lap(&start);
+    double scale = half_range_scale(&work->stage);
+    int width = (image->width + shrink - 1) / shrink,
+        height = (image->height + shrink - 1) / shrink;
+    int status = work->folder ? NACRE_OK : make_folder(work, &work->folder, error);
     if (status == NACRE_OK) {
-        status = stage_bake(&work.stage, opencl, report, error);
+        status = export_scene(work, work->folder, scale, error);
     }
-    if (status != NACRE_OK) {
-        goto out;
-    }
-    (void)lap(&start);
-    status = make_folder(&work, &folder, error);
+    report->export_seconds += lap(&start);
     if (status == NACRE_OK) {
-        scale = half_range_scale(&work.stage);
-        status = export_scene(&work, folder, scale, error);
-    }
-    report->export_seconds = lap(&start);
-    if (status == NACRE_OK) {
-        struct progress progress = progress_begin("tracing (povray)", settings->bake.quiet);
-        status = povray_render(folder, scene->image.width, scene->image.height,
-                               !settings->povray_shadows, &progress, picture, error);
+        struct progress progress = progress_begin("tracing (povray)", work->settings->bake.quiet);
+        status = povray_render(work->folder, width, height, !work->settings->povray_shadows,
+                               &progress, picture, error);
         progress_end(&progress);
     }
     for (size_t i = 0; status == NACRE_OK && scale != 1 &&
@@ -157,8 +153,51 @@ int render_scene(const struct scene *scene, const struct render_settings *settin
          i++) {
         picture->rgb[i] = (float)(picture->rgb[i] / scale);
     }
-    report->povray_seconds = lap(&start);
-out:
+    report->povray_seconds += lap(&start);
+    return status;
+}
+
+/* Before any light there is nothing to trace; then everything but the pixels takes what it will take. */
+static int foresee_trace(void *context, double *seconds, struct nacre_error *error)
+{
+    struct work *work = context;
+    struct render_report unused = {0};
+    struct picture picture = {0};
+    int64_t start = now_ns();
+    int status = trace(work, PROBE_SHRINK, &picture, &unused, error);
+    double whole = lap(&start), pixels = status ? 0 : povray_trace_seconds(work->folder);
+    double count = (double)work->scene->image.width * work->scene->image.height;
+    *seconds =
+        whole + (PROBE_SHRINK * PROBE_SHRINK - 1) * pixels + write_seconds * count + spare_seconds;
+    picture_finish(&picture);
+    return status;
+}
+
+/* Light, by the samples that are asked for or by those that the goal needs. */
+static int bake(struct stage *stage, const struct opencl *opencl, stage_closing *closing,
+                void *context, struct render_report *report, struct nacre_error *error)
+{
+    return stage->settings->goal
+               ? stage_bake_refined(stage, opencl, closing, context, report, error)
+               : stage_bake(stage, opencl, report, error);
+}
+
+int render_scene(const struct scene *scene, const struct render_settings *settings,
+                 const struct opencl *opencl, struct picture *picture, struct render_report *report,
+                 struct nacre_error *error)
+{
+    struct work work = {.scene = scene, .settings = settings};
+    int64_t start = now_ns();
+    *report = (struct render_report){0};
+    *picture = (struct picture){0};
+    int status = stage_prepare(&work.stage, scene, settings, report, error);
+    report->mesh_seconds = lap(&start);
+    if (status == NACRE_OK) {
+        status = bake(&work.stage, opencl, foresee_trace, &work, report, error);
+    }
+    if (status == NACRE_OK) {
+        status = trace(&work, 1, picture, report, error);
+    }
     if (work.temporary) {
         remove_temporary(&work);
     }
@@ -189,11 +228,36 @@ static int draw_frames(struct preview *preview, int frames, bool quiet, render_f
     return status;
 }
 
+struct preview_work {
+    const struct stage *stage;
+    int frames;
+};
+
+static int foresee_frames(void *context, double *seconds, struct nacre_error *error)
+{
+    const struct preview_work *work = context;
+    const struct scene_image *image = &work->stage->scene->image;
+    struct preview *preview = NULL;
+    struct picture picture = {0};
+    int64_t start = now_ns();
+    int status = preview_open(work->stage, work->frames == 1, &preview, error);
+    *seconds = lap(&start);
+    if (status == NACRE_OK) {
+        status = preview_draw(preview, 0, &picture, error);
+    }
+    *seconds +=
+        spare_seconds + work->frames * (lap(&start) + write_seconds * image->width * image->height);
+    picture_finish(&picture);
+    preview_close(preview);
+    return status;
+}
+
 int render_preview(const struct scene *scene, const struct render_settings *settings,
                    const struct opencl *opencl, int frames, render_frame_taker *take, void *context,
                    struct render_report *report, struct nacre_error *error)
 {
     struct stage stage = {0};
+    struct preview_work work = {&stage, frames};
     struct preview *preview = NULL;
     int64_t start = now_ns();
     *report = (struct render_report){0};
@@ -203,7 +267,7 @@ int render_preview(const struct scene *scene, const struct render_settings *sett
     }
     report->mesh_seconds = lap(&start);
     if (status == NACRE_OK) {
-        status = stage_bake(&stage, opencl, report, error);
+        status = bake(&stage, opencl, foresee_frames, &work, report, error);
     }
     (void)lap(&start);
     if (status == NACRE_OK) {

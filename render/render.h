@@ -6,12 +6,15 @@
 #include "base/picture.h"
 #include "nacre/error.h"
 #include "render/bake.h"
+#include "render/refine.h"
 #include "render/scene.h"
 
 #include <stddef.h>
 
 struct render_settings {
     struct bake_settings bake;
+    const struct refine_goal
+        *goal;              /* that chooses bake.density and the tolerance; NULL: as they are */
     size_t triangle_limit;  /* that splitting edges does not pass */
     const char *pov_folder; /* where the POV-Ray files go and stay; NULL: a temporary folder */
     const char *material;   /* used in place of every material file of the scene, or NULL */
@@ -34,6 +37,7 @@ struct render_report {
     double mesh_seconds, light_seconds, gather_seconds, export_seconds, povray_seconds;
     double preview_seconds, frame_seconds; /* OpenGL: to begin with, and for all frames */
     struct render_object_report *objects;  /* heap */
+    struct refine_report refine;           /* where there was a goal */
     size_t object_count;
 };
 

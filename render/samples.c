@@ -57,18 +57,27 @@ static void triangle_point(uint64_t seed, size_t triangle, size_t k, double *b1,
     *b2 = v;
 }
 
+/* Samples of a triangle from the start on, at a density. */
+static size_t samples_in(double area_mm2, double density)
+{
+    return density > 0 ? (size_t)fmin(fmax(round(area_mm2 * density), 1), SAMPLES_MAXIMUM) : 0;
+}
+
+/* `had`: samples of the surface before those of the list. */
 static void fill_triangle(const struct lit_surface *surface, const struct lighting *lighting,
                           irradiance_way *find, size_t triangle, struct light_sample *list,
-                          size_t first, size_t end, struct light_work *work)
+                          size_t first, size_t end, size_t had, struct light_work *work)
 {
     struct vec3 cross = mesh_triangle_cross(surface->mesh, triangle);
     struct vec3 normal = vec3_unit(cross);
-    double area = vec3_length(cross) / 2 / (double)(end - first);
+    double whole = vec3_length(cross) / 2, area = whole / (double)(end - first);
+    size_t before = samples_in(whole, lighting->before);
     for (size_t k = first; k < end; k++) {
         double b1, b2, light[3];
-        triangle_point(lighting->seed, triangle, k - first, &b1, &b2);
+        triangle_point(lighting->seed, triangle, before + k - first, &b1, &b2);
         place(&list[k], surface, triangle, normal, b1, b2);
-        const struct lit_point point = {vec3_from(list[k].position), normal, surface->index, k};
+        const struct lit_point point = {vec3_from(list[k].position), normal, surface->index,
+                                        had + k};
         find(lighting, &point, light, work);
         list[k].area_mm2 = (float)area;
         for (int c = 0; c < 3; c++) {
@@ -77,14 +86,16 @@ static void fill_triangle(const struct lit_surface *surface, const struct lighti
     }
 }
 
-/* Where each triangle's samples begin; the last entry is their number. */
-static size_t *sample_starts(const struct mesh *mesh, double density)
+/* Where each triangle's samples begin; the last entry is their number. Those that came before are counted too. */
+static size_t *sample_starts(const struct mesh *mesh, double before, double density,
+                             size_t *had_before)
 {
     size_t *starts = calloc(mesh->triangle_count + 1, sizeof *starts);
     for (size_t i = 0; starts && i < mesh->triangle_count; i++) {
-        double count = round(vec3_length(mesh_triangle_cross(mesh, i)) / 2 * density);
-        count = fmin(fmax(count, 1), SAMPLES_MAXIMUM);
-        starts[i + 1] = starts[i] + (size_t)count;
+        double area = vec3_length(mesh_triangle_cross(mesh, i)) / 2;
+        size_t had = samples_in(area, before), all = samples_in(area, before + density);
+        starts[i + 1] = starts[i] + (all > had ? all - had : 1);
+        *had_before += had;
     }
     return starts;
 }
@@ -95,7 +106,7 @@ int samples_spread(const struct lit_surface *surface, const struct lighting *lig
 {
     int status = NACRE_FAILED;
     size_t triangles = surface->mesh->triangle_count;
-    size_t *starts = sample_starts(surface->mesh, density);
+    size_t had = 0, *starts = sample_starts(surface->mesh, lighting->before, density, &had);
     irradiance_way *find = irradiance_choose(lighting, surface->index);
     *samples = (struct light_samples){0};
     if (!starts) {
@@ -128,7 +139,7 @@ int samples_spread(const struct lit_surface *surface, const struct lighting *lig
 #pragma omp for schedule(dynamic, 64)
             for (size_t i = begin; i < end; i++) {
                 fill_triangle(surface, lighting, find, i, samples->list, starts[i], starts[i + 1],
-                              &own);
+                              had, &own);
             }
 #pragma omp critical(samples_work)
             light_work_add(&work, &own);

@@ -27,6 +27,7 @@ struct stage {
     struct world *world;
     struct render_object_facts *facts; /* of each object */
     struct render_effects effects;
+    bool plain_lit; /* what lights make of plain objects stands in their light already */
 };
 
 /* Place meshes and lights and plan the effects; light is zero so far. Allocates report->objects. The scene and the settings must outlive the

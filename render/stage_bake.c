@@ -127,7 +127,7 @@ static int light_object(struct stage *stage, size_t index, const struct lighting
     if (object->translucent) {
         return bake_translucent(stage, index, lighting, opencl, object->light, report, error);
     }
-    return object->light ? light_plain(stage, index, report, error) : NACRE_OK;
+    return object->light && !stage->plain_lit ? light_plain(stage, index, report, error) : NACRE_OK;
 }
 
 static int light_objects(struct stage *stage, const struct lighting *lighting,

@@ -302,6 +302,12 @@ static void arguments_left_out_are_wrong_usage(void)
     REFUSES(WRONG_USAGE, "--output", "factor", input("scan.exr"));
     REFUSES(WRONG_USAGE, "--output", "develop", input("session"));
     REFUSES(WRONG_USAGE, "--output", "render", input("scene.yaml"));
+    REFUSES(WRONG_USAGE, "--samples", "render", input("scene.yaml"), "-o", output("out.png"),
+            "--error", "1%", "--samples", "3");
+    REFUSES(WRONG_USAGE, "--photons", "render", input("scene.yaml"), "-o", output("out.png"),
+            "--within", "9", "--photons", "1000");
+    REFUSES(WRONG_USAGE, "--within", "render", input("scene.yaml"), "-o", output("out.png"),
+            "--error", "0");
     REFUSES(WRONG_USAGE, "--scene", "bake", "-o", output("out.ply"));
     REFUSES(WRONG_USAGE, "--output", "report", input("scan.exr"), input("material.exr"));
     REFUSES(WRONG_USAGE, "MATERIAL", "report", input("scan.exr"), "-o", output("out.html"));

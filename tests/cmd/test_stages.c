@@ -204,6 +204,49 @@ static void a_rendering_shows_the_material(void)
     free(picture);
 }
 
+/* 10 % is coarse enough for the least number of samples; what was reached is told and stands in the picture. */
+static void a_rendering_holds_an_error(void)
+{
+    char *scene = path_join(folder, "scene.yaml");
+    char *picture = path_join(folder, "held.exr");
+    struct exr_file file = {0};
+    struct nacre_error error = {""};
+    stations_write_scene(scene, material);
+    json_t *root = parse(RUN("render", scene, "-o", picture, "--error", "10%", "--json"));
+    const json_t *refined = json_object_get(root, "refined");
+    double reached = number(refined, NULL, "error");
+    TEST_ASSERT_TRUE(reached > 0 && reached <= 0.1);
+    TEST_ASSERT_TRUE(json_is_true(json_object_get(refined, "error_held")));
+    TEST_ASSERT_TRUE(json_array_size(json_object_get(refined, "steps")) >= 1);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, exr_file_read(picture, &file, &error), error.text);
+    const struct exr_attribute *stands = exr_part_find(&file.parts[0], "nacre.error", EXR_STRING);
+    TEST_ASSERT_NOT_NULL(stands);
+    /* Three digits. */
+    TEST_ASSERT_DOUBLE_WITHIN(0.006 * reached, reached, strtod(stands ? stands->string : "", NULL));
+    exr_file_finish(&file);
+    json_decref(root);
+    free(scene);
+    free(picture);
+}
+
+/* A picture comes all the same, and what could not be had is said with what was. */
+static void a_rendering_that_cannot_be_in_time_is_told(void)
+{
+    char *scene = path_join(folder, "scene.yaml");
+    char *picture = path_join(folder, "late.exr");
+    stations_write_scene(scene, material);
+    const char *const late[] = {nacre,      "render", scene,     "-o", picture,
+                                "--within", "1ms",    "--quiet", NULL};
+    struct spawned run = spawn(late, NULL);
+    TEST_ASSERT_EQUAL_INT(1, run.status);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run.errors, "cannot be done in 0.001 s"), run.errors);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run.errors, picture), run.errors);
+    TEST_ASSERT_EQUAL_INT(0, access(picture, R_OK));
+    spawned_finish(&run);
+    free(scene);
+    free(picture);
+}
+
 /* Nothing of the page is fetched from elsewhere. */
 static void the_report_is_one_self_contained_page(void)
 {
@@ -277,6 +320,8 @@ int main(int argc, char **argv)
     RUN_TEST(the_same_seed_gives_the_same_factors);
     RUN_TEST(with_a_source_date_two_runs_give_the_same_file);
     RUN_TEST(a_rendering_shows_the_material);
+    RUN_TEST(a_rendering_holds_an_error);
+    RUN_TEST(a_rendering_that_cannot_be_in_time_is_told);
     RUN_TEST(the_report_is_one_self_contained_page);
     RUN_TEST(scan_explains_what_a_station_simulates);
     free(scan);

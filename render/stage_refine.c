@@ -1,0 +1,188 @@
+/* Two halves of light samples on a stage, summed up step by step. */
+#include "render/stage_refine.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+struct halves {
+    struct stage *stage;
+    const struct render_settings *settings; /* as asked for */
+    const struct opencl *opencl;
+    struct render_report *report;
+    stage_closing *closing;
+    void *closing_context;
+    size_t *first;       /* of each object's vertices in the sums */
+    float (*sums[2])[3]; /* of each half: light times density */
+    double weight;       /* sum of densities */
+};
+
+static bool is_lit(const struct stage_object *object)
+{
+    return object->light != NULL;
+}
+
+static size_t count_samples(const struct render_report *report)
+{
+    size_t sum = 0;
+    for (size_t i = 0; i < report->object_count; i++) {
+        sum += report->objects[i].counts.samples;
+    }
+    return sum;
+}
+
+/* Whether a plain object's light would come out the same again. */
+static bool keeps_plain(const struct stage *stage)
+{
+    return !render_has(&stage->effects, RENDER_BOUNCES);
+}
+
+static void clear_light(struct stage *stage)
+{
+    for (size_t i = 0; i < stage->scene->object_count; i++) {
+        struct stage_object *object = &stage->objects[i];
+        if (is_lit(object) && (object->translucent || !stage->plain_lit)) {
+            memset(object->light, 0, object->mesh.vertex_count * sizeof *object->light);
+        }
+    }
+}
+
+static void add_light(struct halves *halves, int half, double density)
+{
+    for (size_t i = 0; i < halves->stage->scene->object_count; i++) {
+        const struct stage_object *object = &halves->stage->objects[i];
+        float(*sum)[3] = halves->sums[half] + halves->first[i];
+        for (size_t v = 0; is_lit(object) && v < object->mesh.vertex_count; v++) {
+            for (int c = 0; c < 3; c++) {
+                sum[v][c] += (float)(density * object->light[v][c]);
+            }
+        }
+    }
+}
+
+/* The mean of both halves, for the picture. */
+static void set_light(const struct halves *halves)
+{
+    for (size_t i = 0; i < halves->stage->scene->object_count; i++) {
+        struct stage_object *object = &halves->stage->objects[i];
+        for (size_t v = 0; is_lit(object) && v < object->mesh.vertex_count; v++) {
+            size_t at = halves->first[i] + v;
+            for (int c = 0; c < 3; c++) {
+                double sum = (double)halves->sums[0][at][c] + halves->sums[1][at][c];
+                object->light[v][c] = (float)(sum / (2 * halves->weight));
+            }
+        }
+    }
+}
+
+static int bake_half(struct halves *halves, const struct refine_step *step, int half,
+                     struct nacre_error *error)
+{
+    struct stage *stage = halves->stage;
+    struct render_settings settings = *halves->settings;
+    settings.bake.density = step->density;
+    settings.bake.before = step->before;
+    settings.bake.tolerance = step->tolerance;
+    settings.bake.seed += (uint64_t)half * UINT64_C(0xd1b54a32d192ed03);
+    stage->settings = &settings;
+    clear_light(stage);
+    int status = stage_bake(stage, halves->opencl, halves->report, error);
+    stage->settings = halves->settings;
+    if (status == NACRE_OK) {
+        stage->plain_lit = keeps_plain(stage);
+        add_light(halves, half, step->density);
+    }
+    return status;
+}
+
+static int bake_step(void *context, const struct refine_step *step, size_t *samples,
+                     struct nacre_error *error)
+{
+    struct halves *halves = context;
+    size_t before = count_samples(halves->report);
+    int status = bake_half(halves, step, 0, error);
+    if (status == NACRE_OK) {
+        status = bake_half(halves, step, 1, error);
+    }
+    if (status == NACRE_OK) {
+        halves->weight += step->density;
+        *samples = (count_samples(halves->report) - before) / 2;
+        set_light(halves);
+    }
+    return status;
+}
+
+/* Half the difference of the halves over their mean, root mean squares over the translucent objects' vertices. */
+static double find_noise(void *context)
+{
+    const struct halves *halves = context;
+    double difference = 0, mean = 0;
+    for (size_t i = 0; i < halves->stage->scene->object_count; i++) {
+        const struct stage_object *object = &halves->stage->objects[i];
+        size_t begin = halves->first[i], end = begin + object->mesh.vertex_count;
+        for (size_t at = begin; object->translucent && at < end; at++) {
+            for (int c = 0; c < 3; c++) {
+                double a = halves->sums[0][at][c], b = halves->sums[1][at][c];
+                difference += (a - b) * (a - b);
+                mean += (a + b) * (a + b);
+            }
+        }
+    }
+    return mean > 0 ? sqrt(difference / mean) : 0;
+}
+
+static int find_closing(void *context, double *seconds, struct nacre_error *error)
+{
+    const struct halves *halves = context;
+    return halves->closing(halves->closing_context, seconds, error);
+}
+
+static bool any_gathers(const struct stage *stage)
+{
+    bool any = false;
+    for (size_t i = 0; i < stage->scene->object_count; i++) {
+        any = any || (stage->objects[i].translucent && stage->effects.objects[i].subsurface);
+    }
+    return any && render_has(&stage->effects, RENDER_SUBSURFACE);
+}
+
+static int halves_make(struct halves *halves, struct nacre_error *error)
+{
+    const struct stage *stage = halves->stage;
+    size_t objects = stage->scene->object_count;
+    halves->first = calloc(objects + 1, sizeof *halves->first);
+    for (size_t i = 0; halves->first && i < objects; i++) {
+        halves->first[i + 1] = halves->first[i] + stage->objects[i].mesh.vertex_count;
+    }
+    for (int half = 0; halves->first && half < 2; half++) {
+        halves->sums[half] = calloc(halves->first[objects] + 1, sizeof *halves->sums[half]);
+    }
+    return halves->first && halves->sums[0] && halves->sums[1]
+               ? NACRE_OK
+               : nacre_fail_memory(error, "two halves of light");
+}
+
+int stage_bake_refined(struct stage *stage, const struct opencl *opencl, stage_closing *closing,
+                       void *context, struct render_report *report, struct nacre_error *error)
+{
+    struct halves halves = {.stage = stage,
+                            .settings = stage->settings,
+                            .opencl = opencl,
+                            .report = report,
+                            .closing = closing,
+                            .closing_context = context};
+    const struct refine_work work = {.context = &halves,
+                                     .gathers = any_gathers(stage),
+                                     .bake = bake_step,
+                                     .noise = find_noise,
+                                     .closing = find_closing};
+    int status = halves_make(&halves, error);
+    if (status == NACRE_OK) {
+        status = refine_run(stage->settings->goal, &work, &report->refine, error);
+    }
+    stage->settings = halves.settings;
+    free(halves.first);
+    free(halves.sums[0]);
+    free(halves.sums[1]);
+    return status;
+}

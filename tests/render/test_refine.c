@@ -1,0 +1,497 @@
+/* Samples chosen for an error or a time: promises on a clock that tests own, and the error against a reference. */
+#include "render/stage_refine.h"
+#include "stand.h"
+#include "tests/nacre/scratch.h"
+
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unity.h>
+
+static struct nacre_error error;
+
+/* A surface on which every step costs a fixed time and one by its density, and noise falls as a power. */
+struct law {
+    struct clock clock;
+    int64_t now_ns;
+    double fixed_s, each_s; /* of a step, and by its density */
+    double first_s;         /* once more, for the first */
+    double slower;          /* steps after the second take so many times longer */
+    double noise, power;    /* after density 1; how it falls */
+    double closing_s, probe_s;
+    double samples_each;
+    double density, most_samples;
+    int steps, looks;
+    int fail_at;  /* this step is stopped by the user */
+    bool went_on; /* each step began where the last one ended */
+};
+
+static int64_t law_now_ns(struct clock *clock)
+{
+    return ((struct law *)clock)->now_ns;
+}
+
+static void law_sleep(struct clock *clock, int64_t time_ns)
+{
+    ((struct law *)clock)->now_ns = time_ns;
+}
+
+static const struct clock_ops law_ops = {
+    .name = "law", .now_ns = law_now_ns, .sleep_until_ns = law_sleep};
+
+static void pass(struct law *law, double seconds)
+{
+    law->now_ns += (int64_t)(seconds * 1e9);
+}
+
+static int law_bake(void *context, const struct refine_step *step, size_t *samples,
+                    struct nacre_error *e)
+{
+    struct law *law = context;
+    law->steps++;
+    if (law->steps == law->fail_at) {
+        (void)nacre_fail(e, "stopped on request");
+        return NACRE_CANCELLED;
+    }
+    law->went_on = law->went_on && fabs(step->before - law->density) < 1e-9 * (1 + law->density);
+    double seconds = law->fixed_s + law->each_s * step->density;
+    pass(law, seconds * (law->steps > 2 ? law->slower : 1) + (law->steps == 1 ? law->first_s : 0));
+    law->density += step->density;
+    *samples = (size_t)(law->samples_each * step->density);
+    law->most_samples = fmax(law->most_samples, (double)*samples);
+    return NACRE_OK;
+}
+
+static double law_noise(void *context)
+{
+    const struct law *law = context;
+    return law->noise * pow(law->density, -law->power);
+}
+
+static int law_closing(void *context, double *seconds, struct nacre_error *e)
+{
+    struct law *law = context;
+    (void)e;
+    law->looks++;
+    pass(law, law->probe_s);
+    *seconds = law->closing_s;
+    return NACRE_OK;
+}
+
+static struct law law_usual(void)
+{
+    return (struct law){.clock = {&law_ops},
+                        .now_ns = INT64_C(1000000000000),
+                        .fixed_s = 0.3,
+                        .each_s = 0.2,
+                        .slower = 1,
+                        .noise = 0.04,
+                        .power = 0.5,
+                        .closing_s = 2,
+                        .probe_s = 1,
+                        .samples_each = 10000,
+                        .went_on = true};
+}
+
+/* Runs, and then the picture. Returns what it took in all. */
+static double run_law(struct law *law, double wanted, double seconds, bool gathers,
+                      struct refine_report *report)
+{
+    const struct refine_goal goal = {wanted, seconds, &law->clock, law->now_ns};
+    const struct refine_work work = {law, gathers, law_bake, law_noise, law_closing};
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, refine_run(&goal, &work, report, &error), error.text);
+    TEST_ASSERT_EQUAL_INT(law->steps, report->count);
+    TEST_ASSERT_TRUE(law->went_on);
+    pass(law, law->closing_s);
+    return refine_seconds(&goal);
+}
+
+static void an_error_is_held_and_hardly_more(void)
+{
+    static const double powers[] = {0.5, 0.7};
+    for (int i = 0; i < 2; i++) {
+        struct law law = law_usual();
+        struct refine_report report;
+        law.power = powers[i];
+        (void)run_law(&law, 0.01, 0, true, &report);
+        TEST_ASSERT_TRUE(report.error_held && report.error <= 0.01);
+        TEST_ASSERT_EQUAL_STRING("error", report.stopped_by);
+        /* Half of the error is the tolerance's, noise is at most the rest, sqrt(3) / 2. The step aims at 1.1 r^2 times
+         * the samples; with power 0.7 the ratio r is 2.14 and r^1.43 would do: 1.70 times too many, 1.45 less noise. */
+        TEST_ASSERT_EQUAL_DOUBLE(0.005, report.bias);
+        TEST_ASSERT_TRUE(report.noise > 0.00866 / 1.46);
+        TEST_ASSERT_EQUAL_INT(0, law.looks); /* nobody asked for the time */
+    }
+}
+
+static void without_a_gather_all_of_the_error_is_noise(void)
+{
+    struct law law = law_usual();
+    struct refine_report report;
+    (void)run_law(&law, 0.01, 0, false, &report);
+    TEST_ASSERT_TRUE(report.error_held);
+    TEST_ASSERT_EQUAL_DOUBLE(0, report.bias);
+    TEST_ASSERT_EQUAL_DOUBLE(report.noise, report.error);
+}
+
+/* The most that may be left: a step of less than a fifth of all samples, or of less than the first, is not made; it is
+ * taken to cost what its share of the last did and a fifth more, the picture 15 % more than foreseen. */
+static double left_at_most(const struct refine_report *told, double closing_s)
+{
+    const struct refine_try *last = &told->steps[told->count - 1];
+    double before = told->count > 1 ? last[-1].density : 0, all = last->density / 2;
+    double rate = last->seconds / ((last->density - before) / 2);
+    return 1.2 * rate * fmax(0.2 * all, told->steps[0].density / 2) + 0.15 * closing_s;
+}
+
+/* Whatever steps cost, the picture is there in time, and little of it is left. */
+static void a_time_is_kept(void)
+{
+    static const struct {
+        double fixed_s, each_s, first_s, slower;
+    } costs[] = {{0.3, 0.2, 0, 1}, {0, 1, 0, 1},        {2, 0.01, 0, 1},
+                 {0.1, 0.1, 5, 1}, {0.3, 0.2, 0, 1.15}, {0.3, 0.2, 0, 0.5}};
+    for (size_t i = 0; i < sizeof costs / sizeof *costs; i++) {
+        for (double seconds = 20; seconds < 400; seconds *= 2.7) {
+            struct law law = law_usual();
+            struct refine_report report;
+            law.fixed_s = costs[i].fixed_s;
+            law.each_s = costs[i].each_s;
+            law.first_s = costs[i].first_s;
+            law.slower = costs[i].slower;
+            double taken = run_law(&law, 1, seconds, true, &report);
+            TEST_ASSERT_TRUE(taken <= seconds);
+            TEST_ASSERT_EQUAL_STRING("time", report.stopped_by);
+            TEST_ASSERT_EQUAL_INT(1, law.looks);
+            TEST_ASSERT_TRUE(report.error_held);
+            TEST_ASSERT_TRUE(seconds - taken <= left_at_most(&report, law.closing_s) + 1e-6);
+        }
+    }
+}
+
+static void more_time_brings_less_error(void)
+{
+    double last = 1;
+    for (double seconds = 12; seconds < 1000; seconds *= 3) {
+        struct law law = law_usual();
+        struct refine_report report;
+        (void)run_law(&law, 1, seconds, true, &report);
+        TEST_ASSERT_TRUE(report.error < last);
+        last = report.error;
+    }
+}
+
+static void error_and_time_together_end_with_what_comes_first(void)
+{
+    struct law law = law_usual();
+    struct refine_report report;
+    double taken = run_law(&law, 0.02, 100, true, &report);
+    TEST_ASSERT_EQUAL_STRING("error", report.stopped_by);
+    TEST_ASSERT_TRUE(report.error_held && taken < 30);
+    law = law_usual();
+    taken = run_law(&law, 0.001, 100, true, &report);
+    TEST_ASSERT_EQUAL_STRING("time", report.stopped_by);
+    TEST_ASSERT_TRUE(!report.error_held && taken <= 100);
+    law = law_usual(); /* no number of samples has no error */
+    taken = run_law(&law, 0, 100, true, &report);
+    TEST_ASSERT_EQUAL_STRING("time", report.stopped_by);
+    TEST_ASSERT_TRUE(!report.error_held && taken <= 100);
+}
+
+static void too_short_a_time_gets_the_least_there_is(void)
+{
+    struct law law = law_usual();
+    struct refine_report report;
+    double taken = run_law(&law, 1, 0.5, true, &report);
+    TEST_ASSERT_EQUAL_INT(1, report.count);
+    TEST_ASSERT_EQUAL_INT(0, law.looks); /* which would take more of what is missing */
+    TEST_ASSERT_EQUAL_STRING("time", report.stopped_by);
+    TEST_ASSERT_TRUE(taken > 0.5 && taken < 0.3 + 0.2 * 3 + law.closing_s + 1e-6);
+}
+
+static void an_error_out_of_reach_ends_too(void)
+{
+    struct law law = law_usual();
+    struct refine_report report;
+    law.power = 0.01;
+    (void)run_law(&law, 0.001, 0, true, &report);
+    TEST_ASSERT_EQUAL_STRING("limit", report.stopped_by);
+    TEST_ASSERT_FALSE(report.error_held);
+}
+
+static void no_step_holds_more_samples_than_memory_should(void)
+{
+    struct law law = law_usual();
+    struct refine_report report;
+    law.samples_each = 1e6;
+    (void)run_law(&law, 0.002, 0, true, &report);
+    TEST_ASSERT_TRUE(report.error_held);
+    TEST_ASSERT_TRUE(law.most_samples <= 4e6);
+}
+
+static void a_surface_without_noise_needs_one_step(void)
+{
+    struct law law = law_usual();
+    struct refine_report report;
+    law.noise = 0;
+    (void)run_law(&law, 1, 100, false, &report);
+    TEST_ASSERT_EQUAL_INT(1, report.count);
+    TEST_ASSERT_EQUAL_STRING("error", report.stopped_by);
+}
+
+static void a_user_who_stops_is_obeyed(void)
+{
+    struct law law = law_usual();
+    struct refine_report report;
+    const struct refine_goal goal = {0.001, 0, &law.clock, law.now_ns};
+    const struct refine_work work = {&law, true, law_bake, law_noise, law_closing};
+    law.fail_at = 2;
+    TEST_ASSERT_EQUAL_INT(NACRE_CANCELLED, refine_run(&goal, &work, &report, &error));
+    TEST_ASSERT_EQUAL_INT(2, law.steps);
+}
+
+static struct scene scene;
+static struct stage stage;
+static struct render_report report;
+
+void setUp(void)
+{
+    struct nacre_material even = stand_even_material(12, 5, 1.2, 0.6);
+    scratch_make();
+    error.text[0] = '\0';
+    TEST_ASSERT_EQUAL_INT(NACRE_OK,
+                          nacre_material_write(scratch_path("material.exr"), &even, &error));
+    nacre_material_finish(&even);
+}
+
+static void finish(void)
+{
+    stage_finish(&stage);
+    scene_finish(&scene);
+    render_report_finish(&report);
+}
+
+void tearDown(void)
+{
+    finish();
+    scratch_remove();
+}
+
+static void prepare(const char *text, const struct render_settings *settings)
+{
+    finish();
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, scene_parse("scene.yaml", scratch_path(""), text, strlen(text), &scene, &error),
+        error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, stage_prepare(&stage, &scene, settings, &report, &error), error.text);
+}
+
+/* A ball of 4,900 surface points, half in the shade of a plate, and a ground. */
+#define BALL                                                                                       \
+    "image: {width: 40, height: 30}\n"                                                             \
+    "camera: {position_mm: [0, -100, 60], at_mm: [0, 0, 10]}\n"                                    \
+    "lights:\n"                                                                                    \
+    "  - {kind: area, position_mm: [40, -20, 70], at_mm: [0, 0, 10], size_mm: [25, 25]}\n"         \
+    "objects:\n"                                                                                   \
+    "  - {shape: sphere, size_mm: 20, position_mm: [0, 0, 0], material: {file: material.exr, "     \
+    "mapping: sphere, point_mm: 0.5}}\n"                                                           \
+    "  - {shape: quad, size_mm: [12, 12, 1], position_mm: [12, -8, 35], color: [0.5, 0.5, 0.5]}\n"
+
+static int no_closing(void *context, double *seconds, struct nacre_error *e)
+{
+    (void)context;
+    (void)e;
+    *seconds = 0.1;
+    return NACRE_OK;
+}
+
+/* What the ball's vertices have; the caller frees it. */
+static float *light_of(const char *text, const struct render_settings *settings)
+{
+    prepare(text, settings);
+    int status = settings->goal
+                     ? stage_bake_refined(&stage, stand_opencl(), no_closing, NULL, &report, &error)
+                     : stage_bake(&stage, stand_opencl(), &report, &error);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, status, error.text);
+    size_t size = stage.objects[0].mesh.vertex_count * sizeof *stage.objects[0].light;
+    float *copy = malloc(size);
+    TEST_ASSERT_NOT_NULL(copy);
+    memcpy(copy, stage.objects[0].light, size);
+    return copy;
+}
+
+static double difference(const float *one, const float *two)
+{
+    double square = 0, sum = 0;
+    for (size_t i = 0; i < 3 * stage.objects[0].mesh.vertex_count; i++) {
+        square += ((double)one[i] - two[i]) * ((double)one[i] - two[i]);
+        sum += (double)two[i] * two[i];
+    }
+    return sqrt(square / sum);
+}
+
+static struct render_settings settings_of(const struct refine_goal *goal)
+{
+    return (struct render_settings){
+        .bake = {.density = 100, .tolerance = 1e-9, .rays = 4, .seed = 12345, .quiet = true},
+        .goal = goal,
+        .triangle_limit = 30000};
+}
+
+/* What all are compared with. */
+static float *reference_light(void)
+{
+    static float *light; /* until the program ends */
+    if (!light) {
+        struct render_settings fine = settings_of(NULL);
+        light = light_of(BALL, &fine);
+    }
+    return light;
+}
+
+/* The light is correlated within a kernel, 25 surface points, and half the ball is lit: 2,450 / 25 = 98 independent
+ * places, in which both the true and the estimated root mean square scatter by 1 / sqrt(2 98) = 7 %, their ratio by
+ * 10 %; within four times that, 40 %. The reference has four times the samples and
+ * more, one even set: it is off by less than half of the error, 12 % in the sum of squares, which the 40 % hold too. The tolerance is a bound on top. */
+static void the_error_that_is_told_is_the_error(void)
+{
+    struct clock clock = clock_monotonic();
+    const float *reference = reference_light();
+    for (int i = 0; i < 2; i++) {
+        const struct refine_goal goal = {i ? 0.012 : 0.03, 0, &clock, clock_now_ns(&clock)};
+        struct render_settings chosen = settings_of(&goal);
+        chosen.bake.seed = 1;
+        float *light = light_of(BALL, &chosen);
+        double off = difference(light, reference);
+        TEST_ASSERT_TRUE(report.refine.error_held);
+        TEST_ASSERT_TRUE(off < 1.4 * report.refine.noise + report.refine.bias);
+        TEST_ASSERT_TRUE(off > report.refine.noise / 1.4 - report.refine.bias);
+        TEST_ASSERT_TRUE(off < 1.4 * goal.error);
+        free(light);
+    }
+}
+
+/* Two halves of two steps are as good as one set of as many samples: nothing that was made is lost, and no sample comes
+ * twice. Independent halves scatter by sqrt(2) more than one even set of twice the samples at worst (noise as 1 / N);
+ * with the 40 % of above, 2. */
+static void steps_add_up_to_one_large_set(void)
+{
+    struct clock clock = clock_monotonic();
+    const float *reference = reference_light();
+    const struct refine_goal goal = {0.012, 0, &clock, clock_now_ns(&clock)};
+    struct render_settings chosen = settings_of(&goal);
+    chosen.bake.seed = 1;
+    float *light = light_of(BALL, &chosen);
+    TEST_ASSERT_TRUE(report.refine.count >= 2);
+    double off = difference(light, reference);
+    struct render_settings whole = settings_of(NULL);
+    whole.bake.seed = 1;
+    whole.bake.density = report.refine.steps[report.refine.count - 1].density;
+    whole.bake.tolerance = report.refine.bias;
+    float *single = light_of(BALL, &whole);
+    TEST_ASSERT_TRUE(off < 2 * difference(single, reference) + whole.bake.tolerance);
+    free(single);
+    free(light);
+}
+
+/* Light from object to object is in both halves too. */
+static void bounces_are_refined_as_well(void)
+{
+    static const char text[] = BALL "bounces: 1\n";
+    struct clock clock = clock_monotonic();
+    struct render_settings fine = settings_of(NULL);
+    fine.bake.density = 40;
+    float *reference = light_of(text, &fine);
+    float *plain = malloc(stage.objects[1].mesh.vertex_count * sizeof *stage.objects[1].light);
+    TEST_ASSERT_NOT_NULL(plain);
+    size_t plain_size = stage.objects[1].mesh.vertex_count * sizeof *stage.objects[1].light;
+    memcpy(plain, stage.objects[1].light, plain_size);
+    const struct refine_goal goal = {0.02, 0, &clock, clock_now_ns(&clock)};
+    struct render_settings chosen = settings_of(&goal);
+    chosen.bake.seed = 1;
+    float *light = light_of(text, &chosen);
+    TEST_ASSERT_TRUE(difference(light, reference) < 1.4 * 0.02);
+    /* The plain plate's light is a mean of both halves, not their sum. */
+    double sum = 0, expected = 0;
+    for (size_t i = 0; i < 3 * stage.objects[1].mesh.vertex_count; i++) {
+        sum += ((const float *)stage.objects[1].light)[i];
+        expected += plain[i];
+    }
+    TEST_ASSERT_DOUBLE_WITHIN(0.05 * expected, expected, sum);
+    free(light);
+    free(plain);
+    free(reference);
+}
+
+/* A clock by the work that is done: a microsecond for each ray, ten for each sample. */
+struct work_clock {
+    struct clock clock;
+};
+
+static int64_t work_now_ns(struct clock *clock)
+{
+    uint64_t work = 0;
+    (void)clock;
+    for (size_t i = 0; i < report.object_count; i++) {
+        work += report.objects[i].counts.work.shadow_rays + 10 * report.objects[i].counts.samples;
+    }
+    return INT64_C(1000000000000) + (int64_t)work * 1000;
+}
+
+static void a_time_is_kept_with_real_light(void)
+{
+    static const struct clock_ops ops = {
+        .name = "work", .now_ns = work_now_ns, .sleep_until_ns = law_sleep};
+    struct work_clock clock = {{&ops}};
+    for (double seconds = 1.5; seconds < 4; seconds *= 2) {
+        const struct refine_goal goal = {1, seconds, &clock.clock, INT64_C(1000000000000)};
+        struct render_settings chosen = settings_of(&goal);
+        free(light_of(BALL, &chosen));
+        double taken = refine_seconds(&goal) + 0.1;
+
+        TEST_ASSERT_TRUE(taken <= seconds);
+        TEST_ASSERT_TRUE(seconds - taken <= left_at_most(&report.refine, 0.1) + 1e-6);
+    }
+}
+
+/* Albedo alone has nothing to sum up, plain objects nothing to refine. */
+static void scenes_without_a_gather_are_fine(void)
+{
+    struct clock clock = clock_monotonic();
+    const struct refine_goal goal = {0.02, 0, &clock, clock_now_ns(&clock)};
+    struct render_settings chosen = settings_of(&goal);
+    chosen.albedo = true;
+    free(light_of(BALL, &chosen));
+    TEST_ASSERT_TRUE(report.refine.error_held && report.refine.noise > 0);
+    TEST_ASSERT_EQUAL_DOUBLE(0, report.refine.bias);
+    static const char plain[] =
+        "camera: {position_mm: [0, -100, 60], at_mm: [0, 0, 10]}\nlights: []\n"
+        "environment: {color: [1, 1, 1]}\n"
+        "objects:\n  - {shape: quad, size_mm: [12, 12, 1]}\n";
+    free(light_of(plain, &chosen));
+    TEST_ASSERT_EQUAL_INT(1, report.refine.count);
+    /* Even light from all sides on a level plate, once and not twice. */
+    TEST_ASSERT_FLOAT_WITHIN(0.01F, 1, stage.objects[0].light[0][0]);
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(an_error_is_held_and_hardly_more);
+    RUN_TEST(without_a_gather_all_of_the_error_is_noise);
+    RUN_TEST(a_time_is_kept);
+    RUN_TEST(more_time_brings_less_error);
+    RUN_TEST(error_and_time_together_end_with_what_comes_first);
+    RUN_TEST(too_short_a_time_gets_the_least_there_is);
+    RUN_TEST(an_error_out_of_reach_ends_too);
+    RUN_TEST(no_step_holds_more_samples_than_memory_should);
+    RUN_TEST(a_surface_without_noise_needs_one_step);
+    RUN_TEST(a_user_who_stops_is_obeyed);
+    RUN_TEST(the_error_that_is_told_is_the_error);
+    RUN_TEST(steps_add_up_to_one_large_set);
+    RUN_TEST(bounces_are_refined_as_well);
+    RUN_TEST(a_time_is_kept_with_real_light);
+    RUN_TEST(scenes_without_a_gather_are_fine);
+    return UNITY_END();
+}
