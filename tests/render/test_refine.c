@@ -152,7 +152,8 @@ static void a_time_is_kept(void)
     } costs[] = {{0.3, 0.2, 0, 1}, {0, 1, 0, 1},        {2, 0.01, 0, 1},
                  {0.1, 0.1, 5, 1}, {0.3, 0.2, 0, 1.15}, {0.3, 0.2, 0, 0.5}};
     for (size_t i = 0; i < sizeof costs / sizeof *costs; i++) {
-        for (double seconds = 20; seconds < 400; seconds *= 2.7) {
+        for (int k = 0; k < 4; k++) {
+            double seconds = 20 * pow(2.7, k);
             struct law law = law_usual();
             struct refine_report report;
             law.fixed_s = costs[i].fixed_s;
@@ -172,7 +173,8 @@ static void a_time_is_kept(void)
 static void more_time_brings_less_error(void)
 {
     double last = 1;
-    for (double seconds = 12; seconds < 1000; seconds *= 3) {
+    for (int k = 0; k < 5; k++) {
+        double seconds = 12 * pow(3, k);
         struct law law = law_usual();
         struct refine_report report;
         (void)run_law(&law, 1, seconds, true, &report);
@@ -444,7 +446,8 @@ static void a_time_is_kept_with_real_light(void)
     static const struct clock_ops ops = {
         .name = "work", .now_ns = work_now_ns, .sleep_until_ns = law_sleep};
     struct work_clock clock = {{&ops}};
-    for (double seconds = 1.5; seconds < 4; seconds *= 2) {
+    for (int k = 0; k < 2; k++) {
+        double seconds = 1.5 * (1 + k);
         const struct refine_goal goal = {1, seconds, &clock.clock, INT64_C(1000000000000)};
         struct render_settings chosen = settings_of(&goal);
         free(light_of(BALL, &chosen));
