@@ -32,8 +32,8 @@ struct run {
     struct refine_report *report;
     double density; /* so far, in a half */
     double samples_per_density;
-    double weighted_tolerance; /* sum of tolerance times density */
-    double closing;            /* seconds */
+    double weighted_bias; /* sum of what summing up changes, times density */
+    double closing;       /* seconds */
 };
 
 static bool wants_error(const struct run *run)
@@ -55,17 +55,17 @@ static int take(struct run *run, double density, double tolerance, struct nacre_
 {
     const struct refine_step step = {density, run->density, tolerance};
     struct refine_report *report = run->report;
-    size_t samples = 0;
+    struct refine_outcome outcome = {0};
     double begun = refine_seconds(run->goal);
-    int status = run->work->bake(run->work->context, &step, &samples, error);
+    int status = run->work->bake(run->work->context, &step, &outcome, error);
     if (status != NACRE_OK) {
         return status;
     }
     run->density += density;
-    run->weighted_tolerance += tolerance * density;
-    run->samples_per_density = (double)samples / density;
+    run->weighted_bias += outcome.summed * density;
+    run->samples_per_density = (double)outcome.samples / density;
     report->noise = run->work->noise(run->work->context);
-    report->bias = run->work->gathers ? run->weighted_tolerance / run->density : 0;
+    report->bias = run->weighted_bias / run->density;
     report->error = hypot(report->noise, report->bias);
     report->steps[report->count++] = (struct refine_try){2 * run->density, tolerance, report->noise,
                                                          refine_seconds(run->goal) - begun};
@@ -133,7 +133,7 @@ static double next_density(const struct run *run, const char **reason)
     return density;
 }
 
-/* Half of the error, which leaves 87 % of it to noise. Without one, half of the noise that is to be expected. */
+/* Half of the error, which leaves 87 % of it to noise at least. Without one, half of the noise that is to be expected. */
 static double next_tolerance(const struct run *run, double density)
 {
     const struct refine_report *report = run->report;

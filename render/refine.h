@@ -2,7 +2,7 @@
  *
  * Each step is made twice, with independent samples: half the root mean square of the difference between the two halves
  * is the error of their mean. Steps of a half are summed up, so that nothing is made twice. What summing up far light
- * changes is the same in both halves and does not show in their difference; the gather's tolerance stands for it. */
+ * changes is the same in both halves and does not show in their difference; the gather measures it. */
 #ifndef RENDER_REFINE_H
 #define RENDER_REFINE_H
 
@@ -28,12 +28,16 @@ struct refine_step {
     double tolerance; /* of the gather */
 };
 
+struct refine_outcome {
+    size_t samples; /* in each half */
+    double summed;  /* what summing up changes, relative */
+};
+
 /* What the steps are made of. */
 struct refine_work {
     void *context;
-    bool gathers; /* light is summed up at all */
-    /* Add a step to both halves, and tell how many samples it had in each. */
-    int (*bake)(void *context, const struct refine_step *step, size_t *samples,
+    /* Add a step to both halves. */
+    int (*bake)(void *context, const struct refine_step *step, struct refine_outcome *outcome,
                 struct nacre_error *error);
     /* The error of the mean of both halves as they are, relative. */
     double (*noise)(void *context);

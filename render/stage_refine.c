@@ -95,18 +95,24 @@ static int bake_half(struct halves *halves, const struct refine_step *step, int 
     return status;
 }
 
-static int bake_step(void *context, const struct refine_step *step, size_t *samples,
+static int bake_step(void *context, const struct refine_step *step, struct refine_outcome *outcome,
                      struct nacre_error *error)
 {
     struct halves *halves = context;
     size_t before = count_samples(halves->report);
+    for (size_t i = 0; i < halves->report->object_count; i++) {
+        halves->report->objects[i].counts.gather.error = 0; /* the largest is kept */
+    }
     int status = bake_half(halves, step, 0, error);
     if (status == NACRE_OK) {
         status = bake_half(halves, step, 1, error);
     }
     if (status == NACRE_OK) {
         halves->weight += step->density;
-        *samples = (count_samples(halves->report) - before) / 2;
+        outcome->samples = (count_samples(halves->report) - before) / 2;
+        for (size_t i = 0; i < halves->report->object_count; i++) {
+            outcome->summed = fmax(outcome->summed, halves->report->objects[i].counts.gather.error);
+        }
         set_light(halves);
     }
     return status;
@@ -137,15 +143,6 @@ static int find_closing(void *context, double *seconds, struct nacre_error *erro
     return halves->closing(halves->closing_context, seconds, error);
 }
 
-static bool any_gathers(const struct stage *stage)
-{
-    bool any = false;
-    for (size_t i = 0; i < stage->scene->object_count; i++) {
-        any = any || (stage->objects[i].translucent && stage->effects.objects[i].subsurface);
-    }
-    return any && render_has(&stage->effects, RENDER_SUBSURFACE);
-}
-
 static int halves_make(struct halves *halves, struct nacre_error *error)
 {
     const struct stage *stage = halves->stage;
@@ -171,11 +168,8 @@ int stage_bake_refined(struct stage *stage, const struct opencl *opencl, stage_c
                             .report = report,
                             .closing = closing,
                             .closing_context = context};
-    const struct refine_work work = {.context = &halves,
-                                     .gathers = any_gathers(stage),
-                                     .bake = bake_step,
-                                     .noise = find_noise,
-                                     .closing = find_closing};
+    const struct refine_work work = {
+        .context = &halves, .bake = bake_step, .noise = find_noise, .closing = find_closing};
     int status = halves_make(&halves, error);
     if (status == NACRE_OK) {
         status = refine_run(stage->settings->goal, &work, &report->refine, error);

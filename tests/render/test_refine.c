@@ -20,6 +20,7 @@ struct law {
     double noise, power;    /* after density 1; how it falls */
     double closing_s, probe_s;
     double samples_each;
+    double summed; /* share of the tolerance that summing up takes */
     double density, most_samples;
     int steps, looks;
     int fail_at;  /* this step is stopped by the user */
@@ -44,7 +45,7 @@ static void pass(struct law *law, double seconds)
     law->now_ns += (int64_t)(seconds * 1e9);
 }
 
-static int law_bake(void *context, const struct refine_step *step, size_t *samples,
+static int law_bake(void *context, const struct refine_step *step, struct refine_outcome *outcome,
                     struct nacre_error *e)
 {
     struct law *law = context;
@@ -57,8 +58,9 @@ static int law_bake(void *context, const struct refine_step *step, size_t *sampl
     double seconds = law->fixed_s + law->each_s * step->density;
     pass(law, seconds * (law->steps > 2 ? law->slower : 1) + (law->steps == 1 ? law->first_s : 0));
     law->density += step->density;
-    *samples = (size_t)(law->samples_each * step->density);
-    law->most_samples = fmax(law->most_samples, (double)*samples);
+    outcome->samples = (size_t)(law->samples_each * step->density);
+    outcome->summed = law->summed * step->tolerance;
+    law->most_samples = fmax(law->most_samples, (double)outcome->samples);
     return NACRE_OK;
 }
 
@@ -98,7 +100,8 @@ static double run_law(struct law *law, double wanted, double seconds, bool gathe
                       struct refine_report *report)
 {
     const struct refine_goal goal = {wanted, seconds, &law->clock, law->now_ns};
-    const struct refine_work work = {law, gathers, law_bake, law_noise, law_closing};
+    law->summed = gathers;
+    const struct refine_work work = {law, law_bake, law_noise, law_closing};
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, refine_run(&goal, &work, report, &error), error.text);
     TEST_ASSERT_EQUAL_INT(law->steps, report->count);
     TEST_ASSERT_TRUE(law->went_on);
@@ -246,7 +249,7 @@ static void a_user_who_stops_is_obeyed(void)
     struct law law = law_usual();
     struct refine_report report;
     const struct refine_goal goal = {0.001, 0, &law.clock, law.now_ns};
-    const struct refine_work work = {&law, true, law_bake, law_noise, law_closing};
+    const struct refine_work work = {&law, law_bake, law_noise, law_closing};
     law.fail_at = 2;
     TEST_ASSERT_EQUAL_INT(NACRE_CANCELLED, refine_run(&goal, &work, &report, &error));
     TEST_ASSERT_EQUAL_INT(2, law.steps);
