@@ -7,6 +7,7 @@
 #include "factor/terms.h"
 
 #include <limits.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -124,7 +125,8 @@ static void begin_shaped(struct conductor *c)
     s->clusters = 1;
     s->plane_bytes = sets * points * bits / 8;
     s->kernel_bytes = 4.0 * d->grid.count * (double)s->channels;
-    s->other_bytes = points * ((double)s->channels + (d->gain ? 1 : 0)) * bits / 8;
+    s->other_bytes = points * ((double)s->channels * fmax(bits, 8) + (d->gain ? bits : 0)) /
+                     8; /* centre, gain */
     s->most_terms = SHAPED_MOST;
 }
 

@@ -11,6 +11,9 @@
 /* Planes have a maximum of 2^-PLANE_EXPONENT, so that half floats hold squares of small levels, and kernels the rest. */
 enum { PLANE_EXPONENT = 4 };
 
+/* Of the centre and the albedo at least, whatever planes have: one number there is what many entries of a plane are. */
+enum { LOGARITHM_BITS = 8 };
+
 /* Logarithmic levels reach this far below the largest value; what is darker becomes the least of them. */
 #define DARKEST 1e-6
 
@@ -57,17 +60,19 @@ static double quantise_roots(float *plane, size_t count, int bits)
     return ldexp(largest, PLANE_EXPONENT);
 }
 
-/* Values of all channels above 0 to 2^bits - 1 evenly spaced logarithms; 0 and NaN stay. */
+/* Values of all channels above 0, which are as the file has them, to evenly spaced logarithms; 0 and NaN stay. */
 static void quantise_logarithms(float *plane, size_t count, int bits)
 {
-    double least = INFINITY, largest = 0, levels = ldexp(1, bits) - 2;
+    double least = INFINITY, largest = 0;
+    double levels = ldexp(1, bits > 0 && bits < LOGARITHM_BITS ? LOGARITHM_BITS : bits) - 2;
     for (size_t i = 0; i < count; i++) {
-        if (plane[i] > 0) {
+        largest = fmax(largest, (double)plane[i]); /* passes over NaN */
+    }
+    for (size_t i = 0; i < count; i++) {
+        if (plane[i] > 0 && (double)plane[i] >= largest * DARKEST) {
             least = fmin(least, (double)plane[i]);
-            largest = fmax(largest, (double)plane[i]);
         }
     }
-    least = fmax(least, largest * DARKEST);
     double range = largest > least ? log(largest / least) : 1;
     for (size_t i = 0; i < count && bits > 0; i++) {
         if (plane[i] > 0) {
@@ -226,9 +231,10 @@ int terms_material_fill(const struct problem *p, const struct factors *factors,
     }
     if (status == NACRE_OK) {
         size_t count = (size_t)m->channels * points_of(m);
+        m->pixel = choose_pixel(m);
+        nacre_material_round(m);
         quantise_logarithms(m->albedo, count, m->bits);
         quantise_logarithms(m->centre, count, m->bits);
-        m->pixel = choose_pixel(m);
         if (d->grid.radius) {
             memcpy(m->radius, d->grid.radius, (size_t)d->grid.count * sizeof *m->radius);
             nacre_material_spread(m);

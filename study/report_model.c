@@ -25,6 +25,13 @@ static void write_history(FILE *page, const char *title, const char *x_label, co
     (void)fputs("</figure>\n", page);
 }
 
+/* The iteration of a value of the history: of a thinned one the last is known. */
+static double iteration_of(const struct nacre_material *m, size_t i)
+{
+    double back = (double)(m->history_count - 1 - i) * (double)m->history_every;
+    return m->history_every > 1 ? (double)m->iterations - back : (double)i + 1;
+}
+
 /* The error of a few points, when it was looked at: values[3][history_count] are overwritten. */
 static void write_error_history(FILE *page, const struct nacre_material *m, double *values)
 {
@@ -33,7 +40,7 @@ static void write_error_history(FILE *page, const struct nacre_material *m, doub
     size_t count = 0;
     for (size_t i = 0; m->history_error && i < m->history_count; i++) {
         if (!isnan(m->history_error[i])) {
-            iterations[count] = (double)i + 1;
+            iterations[count] = iteration_of(m, i);
             seconds[count] = (double)m->history_seconds[i];
             errors[count++] = 100 * (double)m->history_error[i];
         }
@@ -61,7 +68,7 @@ int report_write_convergence(struct report *report, struct nacre_error *error)
     }
     double *iterations = values, *seconds = values + count, *objective = values + 2 * count;
     for (size_t i = 0; i < count; i++) {
-        iterations[i] = (double)i + 1;
+        iterations[i] = iteration_of(m, i);
         seconds[i] = (double)m->history_seconds[i];
         objective[i] = (double)m->history_objective[i];
     }

@@ -184,10 +184,10 @@ size_t nacre_material_size(const struct nacre_material *material)
     if (material->gain) {
         numbers += points(material);
     }
-    if (material->centre) {
-        numbers += (size_t)material->channels * points(material);
-    }
-    size_t bytes = (numbers * bits + 7) / 8 + stored_kernels(material) * sizeof(float);
+    size_t centre = material->centre ? (size_t)material->channels * points(material) : 0;
+    size_t centre_bits = bits < 8 ? 8 : bits;
+    size_t bytes =
+        (numbers * bits + centre * centre_bits + 7) / 8 + stored_kernels(material) * sizeof(float);
     if (material->mixed == 1) {
         bytes += points(material) * (material->clusters <= 256 ? 1 : sizeof(uint32_t));
     } else {

@@ -6,6 +6,46 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Of a small material a long history would be a tenth: so many iterations at most are told of a quantised one. */
+enum { HISTORY_MOST = 40 };
+
+/* Every so manieth value up to the last; in place of one that is not known the last before it. */
+static int add_thinned(struct exr_part *part, const char *name, const float *values, size_t count,
+                       size_t every)
+{
+    float kept[HISTORY_MOST];
+    size_t first = (count - 1) % every, next = 0;
+    float known = NAN;
+    for (size_t i = 0; i < count; i++) {
+        known = isnan(values[i]) ? known : values[i];
+        if (i >= first && (i - first) % every == 0) {
+            kept[next++] = known;
+            known = NAN;
+        }
+    }
+    return exr_part_add_floats(part, name, kept, next);
+}
+
+static int add_history(struct exr_part *part, const struct nacre_material *m)
+{
+    size_t count = m->history_count, told = m->history_every > 1 ? (size_t)m->history_every : 1;
+    size_t every = m->bits > 0 ? (count + HISTORY_MOST - 1) / HISTORY_MOST : 1;
+    const char *const names[] = {"nacre.history.objective", "nacre.history.seconds",
+                                 "nacre.history.error"};
+    const float *const of[] = {m->history_objective, m->history_seconds, m->history_error};
+    int status = NACRE_OK;
+    for (int i = 0; i < 3; i++) {
+        if (of[i]) {
+            status |= every > 1 ? add_thinned(part, names[i], of[i], count, every)
+                                : exr_part_add_floats(part, names[i], of[i], count);
+        }
+    }
+    if (every * told > 1) {
+        status |= exr_part_add_int(part, "nacre.history.every", (int)(every * told));
+    }
+    return status;
+}
+
 int material_add_attributes(struct exr_part *part, bool numbered,
                             const struct nacre_material *material)
 {
@@ -35,14 +75,7 @@ int material_add_attributes(struct exr_part *part, bool numbered,
             exr_part_add_floats(part, "nacre.radii", material->radius, (size_t)material->radii);
     }
     if (material->history_count > 0) {
-        status |= exr_part_add_floats(part, "nacre.history.objective", material->history_objective,
-                                      material->history_count);
-        status |= exr_part_add_floats(part, "nacre.history.seconds", material->history_seconds,
-                                      material->history_count);
-        if (material->history_error) {
-            status |= exr_part_add_floats(part, "nacre.history.error", material->history_error,
-                                          material->history_count);
-        }
+        status |= add_history(part, material);
     }
     if (material->warning_count > 0) {
         status |=
@@ -182,7 +215,12 @@ static int read_history(const struct exr_part *first, struct nacre_material *mat
         return nacre_fail(error,
                           "nacre.history.objective and nacre.history.error differ in length");
     }
+    const struct exr_attribute *every = exr_part_find(first, "nacre.history.every", EXR_INT);
+    if (every && every->integer < 1) {
+        return nacre_fail(error, "nacre.history.every is %d; it must be positive", every->integer);
+    }
     if (objective && objective->count > 0) {
+        material->history_every = every ? every->integer : 1;
         material->history_objective = copy_floats(objective);
         material->history_seconds = copy_floats(seconds);
         material->history_error = errors ? copy_floats(errors) : NULL;

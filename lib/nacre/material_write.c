@@ -147,8 +147,11 @@ static int number_planes(struct exr_file *file, const struct nacre_material *mat
     for (size_t i = 0; i < sizeof names / sizeof *names && status == NACRE_OK; i++) {
         struct exr_part *part = exr_file_find_part(file, names[i]);
         bool done = false;
-        if (part && material->bits < 16) {
-            status = levels_number(part, (size_t)1 << material->bits, &done, error);
+        /* Albedo and centre are single numbers of a point and not sums of terms. */
+        bool factor = names[i][1] == '\0';
+        int bits = factor || material->bits > 8 ? material->bits : 8;
+        if (part) {
+            status = levels_number(part, bits, &done, error);
         }
         *numbered = *numbered || done;
     }

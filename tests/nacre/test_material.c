@@ -163,8 +163,44 @@ static void size_counts_every_stored_number(void)
     /* F alone, shared: 3 x 99 x 2; centre 3 x 99 x 2; 3 kernels: 3 x 3 x 25 x 4 */
     TEST_ASSERT_EQUAL_UINT64(594 + 594 + 900, nacre_material_size(&material));
     material.bits = 5;
-    /* 594 numbers of 5 bits: 2970 bits, 371.25 bytes */
-    TEST_ASSERT_EQUAL_UINT64(372 + 900, nacre_material_size(&material));
+    /* 297 numbers of F of 5 bits and 297 of the centre of 8: 3861 bits, 482.6 bytes */
+    TEST_ASSERT_EQUAL_UINT64(483 + 900, nacre_material_size(&material));
+    nacre_material_finish(&material);
+}
+
+/* 101 iterations of a quantised material: each third is told, the 101st among them, so 2, 5, ... 101; an error that was
+ * looked at between is told with the next. */
+static void a_long_history_is_thinned(void)
+{
+    enum { LONG = 101, KEPT = 34 };
+    struct nacre_error error = {0};
+    struct nacre_material material = made_material(per_term), back;
+    material.bits = 8;
+    material.history_count = LONG;
+    material.history_objective = calloc(LONG, sizeof(float));
+    material.history_seconds = calloc(LONG, sizeof(float));
+    material.history_error = calloc(LONG, sizeof(float));
+    for (int i = 0; i < LONG; i++) {
+        material.history_objective[i] = 1.0f / (float)(i + 1);
+        material.history_seconds[i] = (float)(i + 1);
+        material.history_error[i] = i == 2 ? 0.25f : NAN;
+    }
+    write_material("m.exr", &material);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, nacre_material_read(scratch_path("m.exr"), &back, &error));
+    TEST_ASSERT_EQUAL_INT(3, back.history_every);
+    TEST_ASSERT_EQUAL_UINT64(KEPT, back.history_count);
+    for (int i = 0; i < KEPT; i++) {
+        TEST_ASSERT_EQUAL_FLOAT((float)(2 + 3 * i), back.history_seconds[i]);
+        TEST_ASSERT_EQUAL_FLOAT(1.0f / (float)(2 + 3 * i), back.history_objective[i]);
+    }
+    TEST_ASSERT_TRUE(isnan(back.history_error[0]) && isnan(back.history_error[2]));
+    TEST_ASSERT_EQUAL_FLOAT(0.25f, back.history_error[1]);
+    nacre_material_finish(&back);
+    material.bits = 0;
+    write_material("m.exr", &material);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, nacre_material_read(scratch_path("m.exr"), &back, &error));
+    TEST_ASSERT_EQUAL_UINT64(LONG, back.history_count);
+    nacre_material_finish(&back);
     nacre_material_finish(&material);
 }
 
@@ -641,6 +677,7 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(every_layout_comes_back_bit_for_bit);
     RUN_TEST(numbers_history_and_warnings_come_back);
+    RUN_TEST(a_long_history_is_thinned);
     RUN_TEST(size_counts_every_stored_number);
     RUN_TEST(values_that_no_model_has_are_not_written);
     RUN_TEST(sizes_that_cannot_be_are_not_allocated);
