@@ -267,7 +267,8 @@ void appearance_albedo(const struct appearance *appearance, bool mirror, float *
                 }
             }
             for (size_t c = 0; c < 3; c++) {
-                albedo[xo * 3 + c] = (float)sum[c] + appearance->local[xo * 3 + c];
+                double smooth = appearance->packed ? sum[0] + sum[1] + sum[2] : sum[c];
+                albedo[xo * 3 + c] = (float)smooth + appearance->local[xo * 3 + c];
             }
         }
     }

@@ -22,6 +22,7 @@ struct appearance {
     int clusters, mixed; /* 1 where there are none */
     int kernel_count;
     bool gathers; /* some smooth part is not 0 */
+    bool packed;  /* three terms stand in the places of the colours, see grey.h */
     float *f, *h; /* [height][width][factor_channels][terms]; h may be f */
     /* Smooth parts with a border of zeros, side K + 2: [kernel_count][side][side][4], or with a kernel per term
      * [side][side][terms][4]; R, G, B and an unused float. */

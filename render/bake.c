@@ -2,6 +2,7 @@
 #include "render/bake.h"
 
 #include "base/clock.h"
+#include "render/grey.h"
 #include "render/local_light.h"
 #include "render/receivers.h"
 
@@ -89,6 +90,27 @@ static int check_finite(const struct mesh *mesh, float (*radiosity)[3], struct n
     return NACRE_OK;
 }
 
+/* Light that leaves elsewhere than it fell. */
+static int add_gathered(const struct gather *gather, const struct opencl *opencl, bool quiet,
+                        float (*radiosity)[3], struct gather_counts *counts,
+                        struct nacre_error *error)
+{
+    size_t vertices = gather->mesh->vertex_count;
+    bool packed = gather->appearance->packed;
+    float(*gathered)[3] = packed ? calloc(vertices + 1, sizeof *gathered) : radiosity;
+    if (!gathered) {
+        return nacre_fail_memory(error, "the light on the mesh");
+    }
+    struct progress progress = progress_begin("gathering", quiet);
+    int status = gather_run(gather, opencl, &progress, gathered, counts, error);
+    progress_end(&progress);
+    if (packed) {
+        grey_unpack(gathered, vertices, radiosity);
+        free(gathered);
+    }
+    return status;
+}
+
 static void count(const struct light_samples *samples, const struct gather_counts *gather,
                   struct bake_counts *counts)
 {
@@ -128,9 +150,8 @@ int bake_object(const struct lit_surface *surface, const struct appearance *appe
                                 effects->same_side,
                                 settings->tolerance > 0 ? settings->tolerance : tolerance,
                                 GATHER_SOONEST};
-        struct progress progress = progress_begin("gathering", settings->quiet);
-        status = gather_run(&gather, opencl, &progress, radiosity, &gathered, error);
-        progress_end(&progress);
+        status = add_gathered(&gather, opencl, settings->quiet, radiosity, &gathered, error);
+        counts->products = 3 * (size_t)appearance->terms;
     }
     counts->gather_seconds += seconds_since(start);
     if (status == NACRE_OK) {

@@ -25,6 +25,8 @@ struct bake_counts {
     size_t samples;
     struct light_work work;
     struct gather_counts gather;
+    size_t
+        products; /* of F by H, that each pair in the gather takes: colours times terms, filled up */
     double light_seconds, gather_seconds;
 };
 

@@ -48,7 +48,8 @@ static bool is_grey(const double color[3])
     return color[0] == color[1] && color[1] == color[2];
 }
 
-static bool lights_are_grey(const struct scene *scene)
+/* All light that falls on objects, also from other objects. */
+static bool light_is_grey(const struct scene *scene, const struct render_object_facts *facts)
 {
     bool grey = scene->environment.line == 0 ||
                 (!scene->environment.image && is_grey(scene->environment.color));
@@ -59,7 +60,8 @@ static bool lights_are_grey(const struct scene *scene)
                is_grey(texture->dark);
     }
     for (size_t i = 0; scene->bounces > 0 && i < scene->object_count; i++) {
-        grey = grey && (scene->objects[i].material.file || is_grey(scene->objects[i].color));
+        grey = grey &&
+               (scene->objects[i].material.file ? facts[i].grey : is_grey(scene->objects[i].color));
     }
     return grey;
 }
@@ -106,7 +108,7 @@ static void plan_light(const struct scene *scene, const struct render_object_fac
 static const double narrow = 0.5;
 
 static void plan_object(const struct scene *scene, size_t index,
-                        const struct render_object_facts *facts, bool albedo,
+                        const struct render_object_facts *facts, bool albedo, bool grey_light,
                         struct render_effects *effects)
 {
     const struct scene_object *object = &scene->objects[index];
@@ -123,7 +125,7 @@ static void plan_object(const struct scene *scene, size_t index,
         own->same_side = own->subsurface &&
                          (object->material.thin == THIN_SAME_SIDE || forbids(scene, RENDER_THIN));
         own->clusters = own->subsurface && facts->kernels > 1;
-        own->color = own->subsurface && !(facts->grey && lights_are_grey(scene));
+        own->color = own->subsurface && !(facts->grey && grey_light);
         own->fresnel = object->index > 1 && !forbids(scene, RENDER_FRESNEL);
     }
     own->highlights =
@@ -149,8 +151,9 @@ int render_effects_plan(const struct scene *scene, const struct render_object_fa
         return nacre_fail_memory(error, "the plan of effects");
     }
     plan_light(scene, facts, effects);
+    bool grey_light = light_is_grey(scene, facts);
     for (size_t i = 0; i < scene->object_count; i++) {
-        plan_object(scene, i, &facts[i], albedo, effects);
+        plan_object(scene, i, &facts[i], albedo, grey_light, effects);
     }
     for (int i = 0; i < RENDER_EFFECTS; i++) {
         enum render_effect id = (enum render_effect)i;

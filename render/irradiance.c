@@ -20,6 +20,9 @@ static void square_point(const double shift[2], uint64_t k, double u[2])
     u[1] -= floor(u[1]);
 }
 
+/* What is inlined must not depend on which of the ways exist. */
+#define WAY __attribute__((noinline, flatten))
+
 static double transmitted(const struct lit_point *point, struct vec3 towards)
 {
     return fresnel_transmitted(point->index, vec3_dot(vec3_unit(towards), point->normal));
@@ -94,30 +97,27 @@ __attribute__((always_inline)) static inline void add_lights(const struct lighti
     }
 }
 
-__attribute__((noinline)) static void find_traced(const struct lighting *lighting,
-                                                  const struct lit_point *point, double out[3],
-                                                  struct light_work *work)
+WAY static void find_traced(const struct lighting *lighting, const struct lit_point *point,
+                            double out[3], struct light_work *work)
 {
     add_lights(lighting, point, true, false, out, work);
 }
 
-__attribute__((noinline)) static void find_untraced(const struct lighting *lighting,
-                                                    const struct lit_point *point, double out[3],
-                                                    struct light_work *work)
+WAY static void find_untraced(const struct lighting *lighting, const struct lit_point *point,
+                              double out[3], struct light_work *work)
 {
     add_lights(lighting, point, false, false, out, work);
 }
 
-__attribute__((noinline)) static void find_traced_entering(const struct lighting *lighting,
-                                                           const struct lit_point *point,
-                                                           double out[3], struct light_work *work)
+WAY static void find_traced_entering(const struct lighting *lighting, const struct lit_point *point,
+                                     double out[3], struct light_work *work)
 {
     add_lights(lighting, point, true, true, out, work);
 }
 
-__attribute__((noinline)) static void find_untraced_entering(const struct lighting *lighting,
-                                                             const struct lit_point *point,
-                                                             double out[3], struct light_work *work)
+WAY static void find_untraced_entering(const struct lighting *lighting,
+                                       const struct lit_point *point, double out[3],
+                                       struct light_work *work)
 {
     add_lights(lighting, point, false, true, out, work);
 }
@@ -131,36 +131,76 @@ static irradiance_way *choose(bool traced, double index)
     return shadows ? find_traced : find_untraced;
 }
 
-static void find_with_surfaces(const struct lighting *lighting, const struct lit_point *point,
-                               double out[3], struct light_work *work)
+/* The same for rays that look for other surfaces. */
+__attribute__((always_inline)) static inline void add_surfaces(const struct lighting *lighting,
+                                                               const struct lit_point *point,
+                                                               const bool enters, double out[3],
+                                                               struct light_work *work)
+{
+    double shift[2] = {random_uniform(lighting->seed, UINT64_MAX, 0),
+                       random_uniform(lighting->seed, UINT64_MAX, 1)};
+    double share = 1.0 / lighting->rays;
+    for (int k = 0; k < lighting->rays; k++) {
+        double u[2], radiosity[3], entering = share;
+        struct world_hit hit;
+        square_point(shift, point->stream * (uint64_t)lighting->rays + (uint64_t)k, u);
+        struct vec3 direction = vec3_by_cosine(point->normal, u);
+        if (!world_look(lighting->world, point->position, point->normal, direction, &hit) ||
+            !reflector_shines(&lighting->reflectors[hit.object], &hit, direction, radiosity)) {
+            continue;
+        }
+        if (enters) {
+            entering *= transmitted(point, direction);
+            work->transmittances++;
+        }
+        for (int c = 0; c < 3; c++) {
+            out[c] += radiosity[c] * entering;
+        }
+    }
+    work->bounce_rays += (uint64_t)lighting->rays;
+}
+
+WAY static void find_with_surfaces(const struct lighting *lighting, const struct lit_point *point,
+                                   double out[3], struct light_work *work)
+{
+    choose(lighting->shadows, 1)(lighting, point, out, work);
+    add_surfaces(lighting, point, false, out, work);
+}
+
+WAY static void find_with_surfaces_entering(const struct lighting *lighting,
+                                            const struct lit_point *point, double out[3],
+                                            struct light_work *work)
 {
     choose(lighting->shadows, point->index)(lighting, point, out, work);
-    irradiance_from_surfaces(lighting, point, out, work);
+    add_surfaces(lighting, point, true, out, work);
 }
 
 irradiance_way *irradiance_choose(const struct lighting *lighting, double index)
 {
-    return RENDER_EFFECTS_BUILT(RENDER_BOUNCES) && lighting->reflectors
-               ? find_with_surfaces
-               : choose(lighting->shadows, index);
+    if (!(RENDER_EFFECTS_BUILT(RENDER_BOUNCES) && lighting->reflectors)) {
+        return choose(lighting->shadows, index);
+    }
+    return RENDER_EFFECTS_BUILT(RENDER_FRESNEL) && index != 1 ? find_with_surfaces_entering
+                                                              : find_with_surfaces;
 }
 
-/* The same samples, for a light whose shadow is not known beforehand. */
-__attribute__((noinline)) static void
-add_run(const struct lighting *lighting, const struct light *light, const struct lit_point *point,
-        const struct light_run *run, bool traced, struct light_tally *tally)
+/* For a light whose shadow is not known beforehand. */
+typedef void run_way(const struct lighting *lighting, const struct light *light,
+                     const struct lit_point *point, const struct light_run *run,
+                     struct light_tally *tally);
+
+WAY static void run_traced(const struct lighting *lighting, const struct light *light,
+                           const struct lit_point *point, const struct light_run *run,
+                           struct light_tally *tally)
 {
-    bool shadows = RENDER_EFFECTS_BUILT(RENDER_SHADOWS) && traced;
-    bool enters = RENDER_EFFECTS_BUILT(RENDER_FRESNEL) && point->index != 1;
-    if (shadows && enters) {
-        add_samples(lighting->world, light, point, run, true, true, tally);
-    } else if (shadows) {
-        add_samples(lighting->world, light, point, run, true, false, tally);
-    } else if (enters) {
-        add_samples(lighting->world, light, point, run, false, true, tally);
-    } else {
-        add_samples(lighting->world, light, point, run, false, false, tally);
-    }
+    add_samples(lighting->world, light, point, run, true, false, tally);
+}
+
+WAY static void run_untraced(const struct lighting *lighting, const struct light *light,
+                             const struct lit_point *point, const struct light_run *run,
+                             struct light_tally *tally)
+{
+    add_samples(lighting->world, light, point, run, false, false, tally);
 }
 
 void irradiance_penumbra(const struct lighting *lighting, const struct light *light,
@@ -172,41 +212,19 @@ void irradiance_penumbra(const struct lighting *lighting, const struct light *li
     double share = 1.0 / lighting->rays;
     struct light_tally tally = {0};
     struct light_run run = {shift, 0, first, share};
-    add_run(lighting, light, point, &run, lighting->shadows, &tally);
+    bool shadows = RENDER_EFFECTS_BUILT(RENDER_SHADOWS) && lighting->shadows;
+    run_way *way = shadows ? run_traced : run_untraced;
+    way(lighting, light, point, &run, &tally);
     bool dark = tally.cast > 0 && tally.blocked == tally.cast;
     bool penumbra = tally.blocked > 0;
     if (!dark) {
         run = (struct light_run){shift, (uint64_t)first, rest, share};
-        add_run(lighting, light, point, &run, lighting->shadows && penumbra, &tally);
+        (penumbra ? way : run_untraced)(lighting, light, point, &run, &tally);
     }
     count_work(light, dark ? first : lighting->rays, &tally, work);
     for (int c = 0; c < 3; c++) {
         out[c] = tally.irradiance[c];
     }
-}
-
-void irradiance_from_surfaces(const struct lighting *lighting, const struct lit_point *point,
-                              double out[3], struct light_work *work)
-{
-    double shift[2] = {random_uniform(lighting->seed, UINT64_MAX, 0),
-                       random_uniform(lighting->seed, UINT64_MAX, 1)};
-    double share = 1.0 / lighting->rays;
-    for (int k = 0; k < lighting->rays; k++) {
-        double u[2], radiosity[3];
-        struct world_hit hit;
-        square_point(shift, point->stream * (uint64_t)lighting->rays + (uint64_t)k, u);
-        struct vec3 direction = vec3_by_cosine(point->normal, u);
-        if (!world_look(lighting->world, point->position, point->normal, direction, &hit) ||
-            !reflector_shines(&lighting->reflectors[hit.object], &hit, direction, radiosity)) {
-            continue;
-        }
-        double entering = share * (point->index != 1 ? transmitted(point, direction) : 1);
-        work->transmittances += point->index != 1;
-        for (int c = 0; c < 3; c++) {
-            out[c] += radiosity[c] * entering;
-        }
-    }
-    work->bounce_rays += (uint64_t)lighting->rays;
 }
 
 void light_work_add(struct light_work *sum, const struct light_work *more)

@@ -56,14 +56,10 @@ static inline void irradiance_at(const struct lighting *lighting, const struct l
     irradiance_choose(lighting, point->index)(lighting, point, out, work);
 }
 
-/* The same for one soft light, where a quarter of the rays decides whether the point lies in the penumbra: elsewhere
- * the other rays are taken to agree with them. */
+/* The same for one soft light on a plain surface, where a quarter of the rays decides whether the point lies in the
+ * penumbra: elsewhere the other rays are taken to agree with them. */
 void irradiance_penumbra(const struct lighting *lighting, const struct light *light,
                          const struct lit_point *point, double out[3], struct light_work *work);
-
-/* Add what other surfaces send to a point. */
-void irradiance_from_surfaces(const struct lighting *lighting, const struct lit_point *point,
-                              double out[3], struct light_work *work);
 
 void light_work_add(struct light_work *sum, const struct light_work *more);
 

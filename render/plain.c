@@ -75,7 +75,8 @@ static void light_vertex(const struct lighting *lighting, enum plain_light which
     sum[0] = sum[1] = sum[2] = 0;
     if (which == PLAIN_SURFACES) {
         single.rays = PLAIN_SURFACE_RAYS;
-        irradiance_from_surfaces(&single, point, sum, work);
+        single.light_count = 0;
+        irradiance_at(&single, point, sum, work);
         return;
     }
     for (size_t l = 0; l < lighting->light_count; l++) {

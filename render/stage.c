@@ -2,6 +2,7 @@
 #include "render/stage.h"
 
 #include "render/facts.h"
+#include "render/grey.h"
 #include "render/inside.h"
 #include "render/plain.h"
 
@@ -59,6 +60,12 @@ static int refine_translucent(const struct stage *stage, struct stage_object *pr
     if (mesh_subdivide(mesh, mesh_edge_even, &edge_mm, stage->settings->triangle_limit,
                        &report->limited, error) != NACRE_OK ||
         mapping_follow(&prepared->mapping, mesh, error) != NACRE_OK) {
+        return NACRE_FAILED;
+    }
+    const struct render_object_effects *effects =
+        &stage->effects.objects[prepared - stage->objects];
+    if (effects->subsurface && !effects->color &&
+        grey_pack(&prepared->appearance, error) != NACRE_OK) {
         return NACRE_FAILED;
     }
     prepared->light = calloc(mesh->vertex_count + 1, sizeof *prepared->light);

@@ -137,6 +137,9 @@ static void narrow_kernels_fall_to_the_albedo(void)
                  "objects:\n  - {shape: sphere, size_mm: 20, material: {file: narrow.exr, "
                  "mapping: sphere, point_mm: 1.5}}\n");
     TEST_ASSERT_TRUE(stage.effects.objects[0].albedo && !stage.effects.objects[0].subsurface);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, stage_bake(&stage, NULL, &report, &error)); /* no device */
+    TEST_ASSERT_EQUAL_UINT64(0, report.objects[0].counts.gather.receivers);
+    TEST_ASSERT_EQUAL_UINT64(0, report.objects[0].counts.products);
     prepare("image: {width: 64, height: 48}\n"
             "camera: {position_mm: [0, -2000, 0], at_mm: [0, 0, 0], angle_deg: 30}\n"
             "lights:\n" POINT_LIGHT "objects:\n" BALL);
@@ -189,6 +192,117 @@ static double changed_by(const char *with, const char *without, struct light_wor
     }
     free(light);
     return sqrt(difference / square);
+}
+
+/* Twelve terms that differ, grey; a kernel for each, or two that are mixed. */
+static void write_terms(const char *name, bool per_term)
+{
+    struct nacre_material material = {.width = 12,
+                                      .height = 12,
+                                      .channels = 1,
+                                      .window = 5,
+                                      .terms = 12,
+                                      .clusters = per_term ? 0 : 2,
+                                      .mixed = per_term ? 0 : 2,
+                                      .layout =
+                                          per_term ? NACRE_KERNEL_PER_TERM : NACRE_KERNEL_SINGLE,
+                                      .pixel = NACRE_FLOAT,
+                                      .factor_channels = 1,
+                                      .pitch_mm = 1,
+                                      .method = "made"};
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, nacre_material_allocate(&material, true, false, &error));
+    for (int i = 0; i < 12 * 144; i++) {
+        material.f[i] = (float)(0.3 + 0.2 * sin(i * 0.7));
+        material.h[i] = (float)(0.3 + 0.2 * cos(i * 1.3));
+    }
+    for (int i = 0; i < (per_term ? 12 : 2) * 25; i++) {
+        material.kernels[i] =
+            (float)(0.03 / (1 + hypot(i % 5 - 2, i / 5 % 5 - 2)) * (1 + i / 25)); /* NOLINT */
+    }
+    for (int i = 0; !per_term && i < 2 * 144; i++) {
+        material.ids[i] = (uint32_t)(i / 144);
+        material.weights[i] = i / 144 == 0 ? 0.75F : 0.25F; /* NOLINT(bugprone-integer-division) */
+    }
+    for (int i = 0; i < 144; i++) {
+        material.albedo[i] = 0.5F;
+    }
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, nacre_material_write(scratch_path(name), &material, &error), error.text);
+    nacre_material_finish(&material);
+}
+
+#define LIT(irradiance, file)                                                                      \
+    VIEW "lights:\n  - {kind: point, position_mm: [10, -20, 60], irradiance: " irradiance "}\n"    \
+         "objects:\n  - {shape: sphere, size_mm: 20, material: {file: " file                       \
+         ", mapping: sphere, point_mm: 1.5}}\n"
+
+/* Reflectance of object 0 under even light, [point][3]; heap. */
+static float *albedo_of(void)
+{
+    const struct appearance *appearance = &stage.objects[0].appearance;
+    float *albedo =
+        calloc((size_t)appearance->width * (size_t)appearance->height * 3, sizeof *albedo);
+    TEST_ASSERT_NOT_NULL(albedo);
+    appearance_albedo(appearance, true, albedo);
+    return albedo;
+}
+
+/* Where light and material are grey, a third of the products gives the light that all would give. The colours beside it
+ * have the first one's light. Summing up may change each of the two by 2e-3; sums in another order change less. */
+static void grey_light_takes_a_third_of_the_work(void)
+{
+    static const char *const scenes[2][2] = {
+        {LIT("1", "single.exr"), LIT("[1, 0.5, 0.25]", "single.exr")},
+        {LIT("1", "terms.exr"), LIT("[1, 0.5, 0.25]", "terms.exr")}};
+    write_terms("single.exr", false);
+    write_terms("terms.exr", true);
+    for (int k = 0; k < 2; k++) {
+        double square = 0, difference = 0;
+        bake(scenes[k][1]);
+        TEST_ASSERT_TRUE(stage.effects.called[RENDER_COLOR]);
+        float(*color)[3] = keep_light(0);
+        float *albedo = albedo_of();
+        struct bake_counts with = report.objects[0].counts;
+        bake(scenes[k][0]);
+        TEST_ASSERT_FALSE(stage.effects.called[RENDER_COLOR]);
+        struct bake_counts without = report.objects[0].counts;
+        TEST_ASSERT_EQUAL_UINT64(36, with.products);
+        TEST_ASSERT_EQUAL_UINT64(12, without.products);
+        TEST_ASSERT_EQUAL_UINT64(with.samples, without.samples);
+        TEST_ASSERT_EQUAL_UINT64(with.gather.receivers, without.gather.receivers);
+        for (size_t i = 0; i < stage.objects[0].mesh.vertex_count; i++) {
+            const float *light = stage.objects[0].light[i];
+            TEST_ASSERT_EQUAL_FLOAT(light[0], light[1]);
+            TEST_ASSERT_EQUAL_FLOAT(light[0], light[2]);
+            square += (double)light[0] * light[0];
+            difference += ((double)light[0] - color[i][0]) * ((double)light[0] - color[i][0]);
+        }
+        free(color);
+        float *grey_albedo = albedo_of();
+        for (int i = 0; i < 144 * 3; i++) {
+            TEST_ASSERT_FLOAT_WITHIN(1e-5F * albedo[i], albedo[i], grey_albedo[i]);
+        }
+        free(albedo);
+        free(grey_albedo);
+        TEST_ASSERT_TRUE(square > 0);
+        TEST_ASSERT_TRUE(sqrt(difference / square) < 4e-3);
+    }
+}
+
+/* A coloured neighbour's light is not grey where it passes on. */
+static void a_coloured_neighbour_calls_for_colours(void)
+{
+    static const char neighbour[] =
+        "  - {shape: quad, size_mm: [80, 80, 1], color: [1, 0.5, 0.5]}\n";
+    char text[1024];
+    (void)snprintf(text, sizeof text, "%slights:\n%sobjects:\n%s%s", VIEW, POINT_LIGHT, BALL,
+                   neighbour);
+    prepare(text);
+    TEST_ASSERT_FALSE(stage.effects.called[RENDER_COLOR]);
+    (void)snprintf(text, sizeof text, "bounces: 1\n%slights:\n%sobjects:\n%s%s", VIEW, POINT_LIGHT,
+                   BALL, neighbour);
+    prepare(text);
+    TEST_ASSERT_TRUE(stage.effects.called[RENDER_COLOR]);
 }
 
 #define FULL                                                                                       \
@@ -289,6 +403,8 @@ int main(void)
     RUN_TEST(what_cannot_be_forbidden_is_refused);
     RUN_TEST(narrow_kernels_fall_to_the_albedo);
     RUN_TEST(shadow_rays_on_a_convex_body_change_nothing);
+    RUN_TEST(grey_light_takes_a_third_of_the_work);
+    RUN_TEST(a_coloured_neighbour_calls_for_colours);
     RUN_TEST(what_is_called_for_matters_and_nothing_else_works);
     RUN_TEST(the_list_names_lines_and_reasons);
     return UNITY_END();
