@@ -37,9 +37,11 @@ int lights_check_outside(const struct stage *stage, struct nacre_error *error)
         size_t around = surrounding(stage, vec3_from_doubles(scene->lights[i].position_mm));
         if (around < scene->object_count) {
             return nacre_fail(error,
-                              "the light at line %d is inside the translucent object at line %d "
+                              "the light at line %d, column %d is inside the translucent object at "
+                              "line %d, column %d "
                               "and would light nothing; move it out",
-                              scene->lights[i].line, scene->objects[around].line);
+                              scene->lights[i].line, scene->lights[i].column,
+                              scene->objects[around].line, scene->objects[around].column);
         }
     }
     return NACRE_OK;

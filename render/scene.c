@@ -88,7 +88,11 @@ static const struct settings_field camera_fields[] = {
     {0}};
 
 static const struct settings_schema camera_schema = {
-    .what = "camera", .size = sizeof(struct scene_camera), .fields = camera_fields};
+    .what = "camera",
+    .size = sizeof(struct scene_camera),
+    .fields = camera_fields,
+    .line_offset = offsetof(struct scene_camera, line),
+    .column_offset = offsetof(struct scene_camera, column)};
 
 static const struct settings_field texture_fields[] = {
     {.key = "image",
@@ -125,7 +129,11 @@ static const struct settings_field texture_fields[] = {
     {0}};
 
 static const struct settings_schema texture_schema = {
-    .what = "texture", .size = sizeof(struct scene_texture), .fields = texture_fields};
+    .what = "texture",
+    .size = sizeof(struct scene_texture),
+    .fields = texture_fields,
+    .line_offset = offsetof(struct scene_texture, line),
+    .column_offset = offsetof(struct scene_texture, column)};
 
 static const struct settings_field light_fields[] = {
     {.key = "kind",
@@ -193,11 +201,12 @@ static const struct settings_field light_fields[] = {
      .sentence = "what a projector shows"},
     {0}};
 
-static const struct settings_schema light_schema = {.what = "light",
-                                                    .size = sizeof(struct scene_light),
-                                                    .fields = light_fields,
-                                                    .line_offset =
-                                                        offsetof(struct scene_light, line)};
+static const struct settings_schema light_schema = {
+    .what = "light",
+    .size = sizeof(struct scene_light),
+    .fields = light_fields,
+    .line_offset = offsetof(struct scene_light, line),
+    .column_offset = offsetof(struct scene_light, column)};
 
 static const struct settings_field material_fields[] = {
     {.key = "file",
@@ -355,11 +364,12 @@ static const struct settings_field object_fields[] = {
      .sentence = "highlight"},
     {0}};
 
-static const struct settings_schema object_schema = {.what = "object",
-                                                     .size = sizeof(struct scene_object),
-                                                     .fields = object_fields,
-                                                     .line_offset =
-                                                         offsetof(struct scene_object, line)};
+static const struct settings_schema object_schema = {
+    .what = "object",
+    .size = sizeof(struct scene_object),
+    .fields = object_fields,
+    .line_offset = offsetof(struct scene_object, line),
+    .column_offset = offsetof(struct scene_object, column)};
 
 static const struct settings_field environment_fields[] = {
     {.key = "image",
@@ -386,7 +396,8 @@ static const struct settings_schema environment_schema = {
     .what = "environment",
     .size = sizeof(struct scene_environment),
     .fields = environment_fields,
-    .line_offset = offsetof(struct scene_environment, line)};
+    .line_offset = offsetof(struct scene_environment, line),
+    .column_offset = offsetof(struct scene_environment, column)};
 
 static const struct settings_field scene_fields[] = {
     {.key = "image",
@@ -417,6 +428,7 @@ static const struct settings_field scene_fields[] = {
      .offset = offsetof(struct scene, without),
      .length_offset = offsetof(struct scene, without_count),
      .line_offset = offsetof(struct scene, without_line),
+     .column_offset = offsetof(struct scene, without_column),
      .sentence = "effects that must not be rendered, by the names that --explain prints"},
     {.key = "lights",
      .kind = SETTINGS_LIST,
@@ -429,6 +441,8 @@ static const struct settings_field scene_fields[] = {
      .kind = SETTINGS_LIST,
      .offset = offsetof(struct scene, objects),
      .length_offset = offsetof(struct scene, object_count),
+     .line_offset = offsetof(struct scene, objects_line),
+     .column_offset = offsetof(struct scene, objects_column),
      .schema = &object_schema,
      .required = true,
      .sentence = "what is shone upon"},
@@ -447,23 +461,24 @@ static int check_light(const char *name, const struct scene_light *light, struct
     const struct scene_texture *texture = &light->texture;
     bool shows = texture->image || texture->pattern != PATTERN_NONE;
     if (!apart(light->position_mm, light->at_mm)) {
-        return nacre_fail(error, "%s:%d: the light's position_mm and at_mm are the same point",
-                          name, light->line);
+        return nacre_fail(error, "%s:%d:%d: the light's position_mm and at_mm are the same point",
+                          name, light->line, light->column);
     }
     if (light->kind == LIGHT_PROJECTOR && !shows) {
-        return nacre_fail(error,
-                          "%s:%d: the projector shows nothing; give it a texture with an image or "
-                          "a pattern",
-                          name, light->line);
+        return nacre_fail(
+            error,
+            "%s:%d:%d: the projector shows nothing; give it a texture with an image or "
+            "a pattern",
+            name, light->line, light->column);
     }
     if (light->kind != LIGHT_PROJECTOR && shows) {
         return nacre_fail(error,
-                          "%s:%d: only a projector can have a texture; make its kind projector",
-                          name, light->line);
+                          "%s:%d:%d: only a projector can have a texture; make its kind projector",
+                          name, texture->line, texture->column);
     }
     if (texture->image && texture->pattern != PATTERN_NONE) {
-        return nacre_fail(error, "%s:%d: the texture has an image and a pattern; leave one out",
-                          name, light->line);
+        return nacre_fail(error, "%s:%d:%d: the texture has an image and a pattern; leave one out",
+                          name, texture->line, texture->column);
     }
     return NACRE_OK;
 }
@@ -479,15 +494,16 @@ static int check_without(const char *name, const struct scene *scene, struct nac
         }
         if (data) {
             return nacre_fail(error,
-                              "%s:%d: without: %s is what the material is made of; another "
+                              "%s:%d:%d: without: %s is what the material is made of; another "
                               "material may have none",
-                              name, scene->without_line, scene->without[i]);
+                              name, scene->without_line, scene->without_column, scene->without[i]);
         }
         if (!known) {
-            return nacre_fail(error,
-                              "%s:%d: without: there is no effect \"%s\"; `nacre render --explain` "
-                              "lists them",
-                              name, scene->without_line, scene->without[i]);
+            return nacre_fail(
+                error,
+                "%s:%d:%d: without: there is no effect \"%s\"; `nacre render --explain` "
+                "lists them",
+                name, scene->without_line, scene->without_column, scene->without[i]);
         }
     }
     return NACRE_OK;
@@ -501,17 +517,19 @@ static int check(const char *name, const struct scene *scene, struct nacre_error
         vec3_subtract(vec3_from_doubles(camera->at_mm), vec3_from_doubles(camera->position_mm)));
     struct vec3 up = vec3_unit(vec3_from_doubles(camera->up));
     if (!apart(camera->position_mm, camera->at_mm)) {
-        return nacre_fail(error, "%s: the camera's position_mm and at_mm are the same point", name);
+        return nacre_fail(error, "%s:%d:%d: the camera's position_mm and at_mm are the same point",
+                          name, camera->line, camera->column);
     }
     if (vec3_length(vec3_cross(view, up)) < 1e-4) {
-        return nacre_fail(error, "%s: the camera looks along its own `up`; give another up", name);
+        return nacre_fail(error, "%s:%d:%d: the camera looks along its own `up`; give another up",
+                          name, camera->line, camera->column);
     }
     if (scene->environment.line > 0 &&
         fmax(fmax(background[0], background[1]), background[2]) > 0) {
         return nacre_fail(error,
-                          "%s:%d: the environment is the picture's background; leave out "
+                          "%s:%d:%d: the environment is the picture's background; leave out "
                           "image.background",
-                          name, scene->environment.line);
+                          name, scene->environment.line, scene->environment.column);
     }
     if (check_without(name, scene, error) != NACRE_OK) {
         return NACRE_FAILED;
@@ -525,13 +543,15 @@ static int check(const char *name, const struct scene *scene, struct nacre_error
         const struct scene_object *object = &scene->objects[i];
         if ((object->shape == SHAPE_MESH) != (object->file != NULL)) {
             return nacre_fail(error,
-                              object->file ? "%s:%d: only a mesh has a file; make its shape mesh"
-                                           : "%s:%d: a mesh needs a file",
-                              name, object->line);
+                              object->file ? "%s:%d:%d: only a mesh has a file; make its shape mesh"
+                                           : "%s:%d:%d: a mesh needs a file",
+                              name, object->line, object->column);
         }
     }
-    return scene->object_count > 0 ? NACRE_OK
-                                   : nacre_fail(error, "%s: the scene has no objects", name);
+    return scene->object_count > 0
+               ? NACRE_OK
+               : nacre_fail(error, "%s:%d:%d: the scene has no objects; give it one", name,
+                            scene->objects_line, scene->objects_column);
 }
 
 int scene_read(const char *path, struct scene *scene, struct nacre_error *error)

@@ -25,11 +25,12 @@ struct scene_texture {
     int pattern; /* enum scene_pattern */
     int count;   /* checks, stripes or meshes across the picture's width */
     double bright[3], dark[3];
+    int line, column; /* 0: there is none */
 };
 
 struct scene_light {
     int kind; /* enum scene_light_kind */
-    int line;
+    int line, column;
     double position_mm[3], at_mm[3], up[3];
     double irradiance[3];
     double size_mm[2]; /* area: width and height */
@@ -67,7 +68,7 @@ struct scene_gloss {
 
 struct scene_object {
     int shape; /* enum scene_shape */
-    int line;
+    int line, column;
     char *file;             /* SHAPE_MESH */
     double size_mm[3];      /* of meshes, knots and spheres the first, the largest extent, counts */
     double thickness;       /* SHAPE_KNOT */
@@ -86,12 +87,13 @@ struct scene_environment {
         image; /* equirectangular: top row up, middle column along y, right of it x; NULL: alike all around */
     double color[3];
     double rotation_deg; /* about z */
-    int line;            /* 0: there is none */
+    int line, column;    /* 0: there is none */
 };
 
 struct scene_camera {
     double position_mm[3], at_mm[3], up[3];
     double angle_deg; /* full horizontal */
+    int line, column;
 };
 
 struct scene_image {
@@ -109,9 +111,10 @@ struct scene {
     int bounces, bounces_line; /* of light between surfaces */
     char **without;            /* effects that are forbidden; see effects.h */
     size_t without_count;
-    int without_line;
+    int without_line, without_column;
     struct scene_object *objects;
     size_t object_count;
+    int objects_line, objects_column;
 };
 
 /* Read and check a scene. On failure nothing is held; messages name file, line and column. */

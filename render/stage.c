@@ -173,7 +173,8 @@ static int make_lights(struct stage *stage, struct nacre_error *error)
     for (size_t i = 0; i < scene->light_count; i++) {
         struct light *light = &stage->lights[stage->light_count++];
         if (light_make(light, &scene->lights[i], error) != NACRE_OK) {
-            return nacre_fail_within(error, "the light at line %d", scene->lights[i].line);
+            return nacre_fail_within(error, "the light at line %d, column %d",
+                                     scene->lights[i].line, scene->lights[i].column);
         }
         light->soft = light->soft && render_has(&stage->effects, RENDER_SOFT_LIGHT);
         if (!render_has(&stage->effects, RENDER_PROJECTED)) {
@@ -184,7 +185,8 @@ static int make_lights(struct stage *stage, struct nacre_error *error)
     if (render_has(&stage->effects, RENDER_ENVIRONMENT)) {
         struct light *light = &stage->lights[stage->light_count++];
         if (light_make_environment(light, &scene->environment, error) != NACRE_OK) {
-            return nacre_fail_within(error, "the environment at line %d", scene->environment.line);
+            return nacre_fail_within(error, "the environment at line %d, column %d",
+                                     scene->environment.line, scene->environment.column);
         }
     }
     return NACRE_OK;
@@ -219,7 +221,8 @@ static int prepare_objects(struct stage *stage, struct render_report *report,
     for (size_t i = 0; status == NACRE_OK && i < scene->object_count; i++) {
         status = prepare_object(stage, i, error);
         if (status != NACRE_OK) {
-            (void)nacre_fail_within(error, "the object at line %d", scene->objects[i].line);
+            (void)nacre_fail_within(error, "the object at line %d, column %d",
+                                    scene->objects[i].line, scene->objects[i].column);
         }
     }
     if (status == NACRE_OK) {
@@ -229,7 +232,8 @@ static int prepare_objects(struct stage *stage, struct render_report *report,
     for (size_t i = 0; status == NACRE_OK && i < scene->object_count; i++) {
         status = refine_object(stage, i, &report->objects[i], error);
         if (status != NACRE_OK) {
-            (void)nacre_fail_within(error, "the object at line %d", scene->objects[i].line);
+            (void)nacre_fail_within(error, "the object at line %d, column %d",
+                                    scene->objects[i].line, scene->objects[i].column);
         }
     }
     return status;

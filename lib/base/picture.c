@@ -124,24 +124,28 @@ static int add_attribute(struct exr_part *part, const char *attribute, struct na
                : nacre_fail_memory(error, "an attribute");
 }
 
-/* HALF ends at 65504; a highlight beyond it stays finite. */
-static float limit_to_half(float value)
+/* HALF ends at 65504: a brighter highlight needs FLOAT. */
+static enum nacre_pixel pixel_for(const struct picture *picture)
 {
-    return value > 65504.0F && isfinite(value)    ? 65504.0F
-           : value < -65504.0F && isfinite(value) ? -65504.0F
-                                                  : value;
+    size_t count = (size_t)picture->width * (size_t)picture->height * 3;
+    for (size_t i = 0; i < count; i++) {
+        if (isfinite(picture->rgb[i]) && fabsf(picture->rgb[i]) > 65504.0F) {
+            return NACRE_FLOAT;
+        }
+    }
+    return NACRE_HALF;
 }
 
 static int add_plane(struct exr_part *part, const char *name, const struct picture *picture,
-                     size_t channel, struct nacre_error *error)
+                     size_t channel, enum nacre_pixel pixel, struct nacre_error *error)
 {
-    struct exr_plane *plane = exr_part_add_plane(part, name, NACRE_HALF);
+    struct exr_plane *plane = exr_part_add_plane(part, name, pixel);
     if (!plane) {
         return nacre_fail_memory(error, "a picture");
     }
     size_t count = (size_t)picture->width * (size_t)picture->height;
     for (size_t i = 0; i < count; i++) {
-        plane->values[i] = limit_to_half(picture->rgb[3 * i + channel]);
+        plane->values[i] = picture->rgb[3 * i + channel];
     }
     return NACRE_OK;
 }
@@ -152,12 +156,13 @@ static int write_exr(const char *path, const struct picture *picture, const char
     static const char *const names[] = {"R", "G", "B"};
     struct exr_file file = {0};
     int result = NACRE_OK;
+    enum nacre_pixel pixel = pixel_for(picture);
     struct exr_part *part = exr_file_add_part(&file, "", picture->width, picture->height);
     if (!part) {
         result = nacre_fail_memory(error, path);
     }
     for (size_t channel = 0; channel < 3 && result == NACRE_OK; channel++) {
-        result = add_plane(part, names[channel], picture, channel, error);
+        result = add_plane(part, names[channel], picture, channel, pixel, error);
     }
     for (; attributes && *attributes && result == NACRE_OK; attributes++) {
         result = add_attribute(part, *attributes, error);

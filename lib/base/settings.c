@@ -296,13 +296,22 @@ static void drop_default(const struct settings_field *field, void *out)
     }
 }
 
+/* Where something stands in the file, counted from 1. */
+static void note_place(const yaml_mark_t *mark, size_t line_offset, size_t column_offset, void *out)
+{
+    if (line_offset) {
+        *(int *)at(out, line_offset) = (int)mark->line + 1;
+    }
+    if (column_offset) {
+        *(int *)at(out, column_offset) = (int)mark->column + 1;
+    }
+}
+
 static int read_field(const struct settings_source *source, const struct settings_field *field,
                       const yaml_node_t *key, const yaml_node_t *value, void *out,
                       struct nacre_error *error)
 {
-    if (field->line_offset) {
-        *(int *)at(out, field->line_offset) = (int)key->start_mark.line + 1;
-    }
+    note_place(&key->start_mark, field->line_offset, field->column_offset, out);
     if (field->kind == SETTINGS_STRUCT) {
         return read_named(source, field, value, at(out, field->offset), error);
     }
@@ -371,9 +380,7 @@ static int read_mapping(const struct settings_source *source, const struct setti
         return settings_fail_at(source, node->start_mark, error, "%s takes 'key: value' lines%s",
                                 name, known);
     }
-    if (schema->line_offset) {
-        *(int *)at(out, schema->line_offset) = (int)node->start_mark.line + 1;
-    }
+    note_place(&node->start_mark, schema->line_offset, schema->column_offset, out);
     for (const yaml_node_pair_t *pair = node->data.mapping.pairs.start;
          pair < node->data.mapping.pairs.top; pair++) {
         const yaml_node_t *key = pair_key(source, pair);

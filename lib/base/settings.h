@@ -35,15 +35,15 @@ struct settings_field {
     const char *fallback;     /* all but STRUCT and LIST: the default, in YAML; NULL: zero */
     const char *const *words; /* SETTINGS_CHOICE: NULL-terminated */
     const struct settings_schema *schema;
-    const char *sentence; /* what it means, with its unit */
-    size_t line_offset;   /* of an int that gets the key's line (0: none) */
+    const char *sentence;              /* what it means, with its unit */
+    size_t line_offset, column_offset; /* of ints that get the key's line and column (0: none) */
 };
 
 struct settings_schema {
     const char *what; /* "sample file", for messages */
     size_t size;      /* of the struct */
     const struct settings_field *fields;
-    size_t line_offset; /* of an int that gets the mapping's line (0: none) */
+    size_t line_offset, column_offset; /* of ints that get the mapping's place (0: none) */
 };
 
 /* Read `path` into *out (zeroed here first). On failure nothing is held. A message names file, line, column, key and

@@ -128,7 +128,7 @@ static void exr_keeps_values_to_the_precision_of_half(void)
     ramp.rgb[0] = 1000.5F;
     ramp.rgb[1] = -2.0F;
     ramp.rgb[2] = NAN;
-    ramp.rgb[3] = 1e9F; /* beyond HALF: kept finite */
+    ramp.rgb[3] = 65504.0F; /* the last that fits */
     ramp.rgb[4] = INFINITY;
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, picture_write(name("a.exr"), &ramp, NULL, &error),
                                   error.text);
@@ -146,6 +146,22 @@ static void exr_keeps_values_to_the_precision_of_half(void)
     }
     picture_finish(&ramp);
     picture_finish(&again);
+}
+
+static void exr_keeps_what_half_cannot_hold_by_floats(void)
+{
+    static const float beyond[] = {65505.0F, -1e9F, 3e38F};
+    for (size_t k = 0; k < 3; k++) {
+        struct picture ramp = make_ramp(7, 5), again;
+        struct nacre_error error = {""};
+        ramp.rgb[40] = beyond[k];
+        TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, picture_write(name("a.exr"), &ramp, NULL, &error),
+                                      error.text);
+        again = read_picture(path);
+        TEST_ASSERT_EQUAL_MEMORY(ramp.rgb, again.rgb, (size_t)7 * 5 * 3 * sizeof(float));
+        picture_finish(&ramp);
+        picture_finish(&again);
+    }
 }
 
 static void exr_carries_the_attributes_given(void)
@@ -457,6 +473,7 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(pictures_of_impossible_sizes_are_refused);
     RUN_TEST(exr_keeps_values_to_the_precision_of_half);
+    RUN_TEST(exr_keeps_what_half_cannot_hold_by_floats);
     RUN_TEST(exr_carries_the_attributes_given);
     RUN_TEST(attributes_without_key_or_value_are_refused);
     RUN_TEST(exr_of_one_channel_is_grey_and_others_are_refused);

@@ -120,7 +120,7 @@ static void refuses(const char *text, const char *why)
     finish();
     TEST_ASSERT_EQUAL_INT(NACRE_FAILED, scene_parse("scene.yaml", scratch_path(""), text,
                                                     strlen(text), &scene, &error));
-    TEST_ASSERT_EQUAL_STRING_LEN("scene.yaml:3: ", error.text, 14);
+    TEST_ASSERT_EQUAL_STRING_LEN("scene.yaml:3:1: ", error.text, 16);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, why), error.text);
 }
 

@@ -461,11 +461,11 @@ static void values_beyond_half_floats_come_through(void)
 static void a_light_inside_a_translucent_object_is_told(void)
 {
     write_material();
-    fails_with(SMALL FROM_ABOVE
-               "lights:\n  - {kind: point, position_mm: [1, 2, 16], at_mm: [9, 9, 9]}\n"
-               "objects:\n  - shape: sphere\n    size_mm: 30\n"
-               "    material: {file: material.exr, mapping: sphere, point_mm: 1.5}\n",
-               "the light at line 4 is inside the translucent object at line 6");
+    fails_with(
+        SMALL FROM_ABOVE "lights:\n  - {kind: point, position_mm: [1, 2, 16], at_mm: [9, 9, 9]}\n"
+                         "objects:\n  - shape: sphere\n    size_mm: 30\n"
+                         "    material: {file: material.exr, mapping: sphere, point_mm: 1.5}\n",
+        "the light at line 4, column 5 is inside the translucent object at line 6, column 5");
     /* Under it, or beside it between two, it is outside. */
     must_render(SMALL FROM_ABOVE
                 "lights:\n  - {kind: point, position_mm: [1, 2, 36], at_mm: [9, 9, 9]}\n"

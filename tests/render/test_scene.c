@@ -121,27 +121,31 @@ static void wrong_values_are_refused_with_their_place(void)
     refuses(LIGHT OBJECT, "scene.yaml", "camera");
 }
 
-static void scenes_that_make_no_sense_are_refused(void)
+static void scenes_that_make_no_sense_are_refused_with_their_place(void)
 {
     refuses("image: {background: 0.1}\n" CAMERA LIGHT OBJECT "environment: {color: 1}\n",
-            "scene.yaml:5", "background");
-    refuses(CAMERA LIGHT OBJECT "without: [moonshine]\n", "scene.yaml:4", "moonshine");
-    refuses(CAMERA LIGHT "objects: [{shape: quad, index: 0.5}]\n", "scene.yaml:3:", "0.5");
-    refuses(CAMERA LIGHT OBJECT "bounces: 17\n", "scene.yaml:4:", "17");
-    refuses("camera: {position_mm: [1, 2, 3], at_mm: [1, 2, 3]}\n" LIGHT OBJECT, "scene.yaml",
-            "same point");
-    refuses("camera: {position_mm: [0, 0, 9], at_mm: [0, 0, 0]}\n" LIGHT OBJECT, "scene.yaml",
-            "up");
-    refuses(CAMERA "lights:\n  - {kind: point, position_mm: [0, 0, 0]}\n" OBJECT, "scene.yaml:3",
-            "same point");
+            "scene.yaml:5:14: ", "background");
+    refuses(CAMERA LIGHT OBJECT "without: [moonshine]\n", "scene.yaml:4:1: ", "moonshine");
+    refuses(CAMERA LIGHT OBJECT "without: [colour]\n", "scene.yaml:4:1: ", "colour");
+    refuses(CAMERA LIGHT "objects: [{shape: quad, index: 0.5}]\n", "scene.yaml:3:32: ", "0.5");
+    refuses(CAMERA LIGHT OBJECT "bounces: 17\n", "scene.yaml:4:10: ", "17");
+    refuses("camera: {position_mm: [1, 2, 3], at_mm: [1, 2, 3]}\n" LIGHT OBJECT,
+            "scene.yaml:1:9: ", "same point");
+    refuses("camera: {position_mm: [0, 0, 9], at_mm: [0, 0, 0]}\n" LIGHT OBJECT,
+            "scene.yaml:1:9: ", "up");
+    refuses(CAMERA "lights:\n  - {kind: point, position_mm: [0, 0, 0]}\n" OBJECT,
+            "scene.yaml:3:5: ", "same point");
     refuses(CAMERA "lights:\n  - {kind: projector, position_mm: [0, 0, 9]}\n" OBJECT,
-            "scene.yaml:3", "texture");
+            "scene.yaml:3:5: ", "texture");
     refuses(CAMERA
             "lights: [{kind: spot, position_mm: [0, 0, 9], texture: {pattern: grid}}]\n" OBJECT,
-            "scene.yaml:2", "projector");
-    refuses(CAMERA LIGHT "objects:\n  - {shape: mesh}\n", "scene.yaml:4", "file");
-    refuses(CAMERA LIGHT "objects: [{shape: quad, file: a.ply}]\n", "scene.yaml:3", "mesh");
-    refuses(CAMERA LIGHT "objects: []\n", "scene.yaml", "no objects");
+            "scene.yaml:2:56: ", "projector");
+    refuses(CAMERA "lights:\n  - kind: projector\n    position_mm: [0, 0, 9]\n"
+                   "    texture: {pattern: grid, image: a.png}\n" OBJECT,
+            "scene.yaml:5:14: ", "leave one out");
+    refuses(CAMERA LIGHT "objects:\n  - {shape: mesh}\n", "scene.yaml:4:5: ", "file");
+    refuses(CAMERA LIGHT "objects: [{shape: quad, file: a.ply}]\n", "scene.yaml:3:11: ", "mesh");
+    refuses(CAMERA LIGHT "objects: []\n", "scene.yaml:3:1: ", "no objects");
 }
 
 int main(void)
@@ -152,6 +156,6 @@ int main(void)
     RUN_TEST(defaults_fill_what_is_left_out);
     RUN_TEST(unknown_keys_are_refused_with_their_place);
     RUN_TEST(wrong_values_are_refused_with_their_place);
-    RUN_TEST(scenes_that_make_no_sense_are_refused);
+    RUN_TEST(scenes_that_make_no_sense_are_refused_with_their_place);
     return UNITY_END();
 }
