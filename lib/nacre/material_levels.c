@@ -190,11 +190,16 @@ static int restore(struct exr_part *part, const float *values, size_t count,
                    struct nacre_error *error)
 {
     size_t size = (size_t)part->width * (size_t)part->height;
+    bool halves = true;
+    for (size_t i = 0; i < count; i++) {
+        halves = halves && half_nearest(values[i]) == values[i];
+    }
     for (size_t p = 0; p < part->plane_count; p++) {
         struct exr_plane *plane = &part->planes[p];
         if (plane->pixel == NACRE_UINT) {
             return nacre_fail(error, "part %s: channel %s must be HALF", part->name, plane->name);
         }
+        plane->pixel = halves ? plane->pixel : NACRE_FLOAT;
         for (size_t i = 0; i < size; i++) {
             double number = (double)plane->values[i] / (double)UNIT;
             if (isnan(number)) {

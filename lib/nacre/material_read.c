@@ -254,6 +254,15 @@ static int read_radii(const struct exr_part *first, struct nacre_material *mater
     return NACRE_OK;
 }
 
+static bool has_floats(const struct exr_part *part)
+{
+    bool found = false;
+    for (size_t i = 0; i < part->plane_count; i++) {
+        found = found || part->planes[i].pixel == NACRE_FLOAT;
+    }
+    return found;
+}
+
 /* Sizes that are told by the parts themselves, so that memory is only asked for what the file
  * holds. */
 static int read_sizes(const struct exr_file *file, struct nacre_material *material,
@@ -273,10 +282,9 @@ static int read_sizes(const struct exr_file *file, struct nacre_material *materi
     bool shared = length > 2 && strcmp(name + length - 2, ".Y") == 0;
     material->factor_channels = shared ? 1 : material->channels;
     material->pixel = NACRE_HALF;
-    for (size_t i = 0; i < factor->plane_count; i++) {
-        if (factor->planes[i].pixel == NACRE_FLOAT) {
-            material->pixel = NACRE_FLOAT;
-        }
+    const struct exr_part *centre = exr_file_find_part(file, "centre");
+    if (has_floats(factor) || (centre && has_floats(centre))) {
+        material->pixel = NACRE_FLOAT;
     }
     *clusters = exr_file_find_part(file, "cluster");
     if (material->layout == NACRE_KERNEL_PER_TERM && *clusters) {

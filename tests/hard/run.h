@@ -46,4 +46,7 @@ void hard_material(const struct sample *sample, const struct hard_case *hard,
                    const struct opencl *opencl, struct hard_how how, enum factor_store store,
                    struct nacre_material *material, struct factor_summary *summary);
 
+/* Write a material to a file, read it back and remove it. */
+void hard_pass_through_file(struct nacre_material *material);
+
 #endif

@@ -258,54 +258,6 @@ static void extrapolation_that_overshoots_is_taken_back(void)
     TEST_ASSERT_TRUE(f.refusals > 0);
 }
 
-/* A kernel per term on the same cases: the objective never rises, every number is one, and each point is counted. */
-static void a_hard_case_stays_stable_with_a_kernel_per_term(void)
-{
-    struct sample sample = hard_sample(current);
-    struct responses responses = sample_load(&sample, layout_lanes(&opencl));
-    struct factor_options options = factor_options_default();
-    struct factor_summary summary = {0};
-    struct nacre_material m = {0};
-    struct nacre_error error = {0};
-    options.model = FACTOR_MODEL_TERMS;
-    options.terms = current->terms;
-    options.clusters = 0;
-    options.iterations = 30;
-    options.tolerance = 0;
-    bench_succeed(factorize_responses(&responses, 1, &options, &opencl, NULL, &m, &summary, &error),
-                  &error);
-    size_t points = (size_t)m.width * (size_t)m.height;
-    for (size_t i = 0; i < points * (size_t)m.terms * (size_t)m.factor_channels; i++) {
-        TEST_ASSERT_TRUE(isfinite(m.f[i]) && m.f[i] >= 0);
-        TEST_ASSERT_TRUE(!m.h || (isfinite(m.h[i]) && m.h[i] >= 0));
-    }
-    for (size_t i = 0;
-         i < (size_t)m.terms * (size_t)m.channels * (size_t)m.window * (size_t)m.window; i++) {
-        TEST_ASSERT_TRUE(isfinite(m.kernels[i]) && m.kernels[i] >= 0);
-    }
-    for (size_t i = 1; i < m.history_count; i++) {
-        TEST_ASSERT_TRUE((double)m.history_objective[i] <=
-                         (1 + 1e-6) * (double)m.history_objective[i - 1]);
-    }
-    TEST_ASSERT_EQUAL_INT(points, summary.error.whole.points + summary.error.not_measured +
-                                      summary.error.dark);
-    TEST_ASSERT_TRUE(isfinite(summary.error.whole.maximum) && summary.error.whole.mean <= 1);
-    factor_summary_finish(&summary);
-    nacre_material_finish(&m);
-    responses_finish(&responses);
-    sample_finish(&sample);
-}
-
-static void run_cases_with_a_kernel_per_term(void)
-{
-    static char names[64][80];
-    for (size_t i = 0; i < hard_case_count && i < 64; i++) {
-        current = &hard_cases[i];
-        (void)snprintf(names[i], 80, "%s with a kernel per term stays stable", current->name);
-        UnityDefaultTestRun(a_hard_case_stays_stable_with_a_kernel_per_term, names[i], __LINE__);
-    }
-}
-
 int main(void)
 {
     struct nacre_error error = {0};
@@ -315,7 +267,6 @@ int main(void)
     }
     UNITY_BEGIN();
     run_cases();
-    run_cases_with_a_kernel_per_term();
     RUN_TEST(the_same_seed_gives_the_same_bits);
     RUN_TEST(what_stands_behind_the_mask_influences_nothing);
     RUN_TEST(missing_responses_leave_their_neighbours_unharmed);

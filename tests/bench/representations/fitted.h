@@ -13,6 +13,7 @@ struct bench {
     const char *nacre;
     struct opencl opencl;
     bool quick;
+    bool shaped;       /* of a sweep: a kernel per term alone */
     int points;        /* a side, at most */
     const char *plots; /* a folder for pictures, or NULL */
 };

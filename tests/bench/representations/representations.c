@@ -15,8 +15,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const char usage[] = "usage: representations [--nacre PROGRAM] [--sweep] [--quick] "
-                            "[--points N] SAMPLE.yaml|SCAN.exr ...";
+static const char usage[] =
+    "usage: representations [--nacre PROGRAM] [--sweep] [--quick] [--shaped] "
+    "[--points N] SAMPLE.yaml|SCAN.exr ...";
 
 static const char *const weight_names[] = {"kernel", "response"};
 
@@ -205,6 +206,8 @@ int main(int argc, char **argv)
             study = sweep;
         } else if (strcmp(argv[first], "--quick") == 0) {
             bench.quick = true;
+        } else if (strcmp(argv[first], "--shaped") == 0) {
+            bench.shaped = true;
         } else if (strcmp(argv[first], "--points") == 0 && first + 1 < argc) {
             bench.points = (int)strtol(argv[++first], NULL, 10);
         } else if (strcmp(argv[first], "--plots") == 0 && first + 1 < argc) {

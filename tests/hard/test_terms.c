@@ -1,0 +1,130 @@
+/* Each hard case with a kernel per term, and those that are hard for it alone. */
+#include "terms_run.h"
+
+#include "run.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+#include <unity.h>
+
+static struct opencl opencl;
+static const struct hard_case *current;
+
+void setUp(void)
+{
+}
+
+void tearDown(void)
+{
+}
+
+/* What holds at every step, by sums in double precision. In the end kernels are the best for their planes up to what 200 sweeps
+ * of coordinate descent leave where terms are all but the same (their equations' roundings are 1e-6): 1e-4. */
+static void check_figures(const struct hard_terms_figures *f)
+{
+    TEST_ASSERT_TRUE_MESSAGE(f->finite, "a plane, a kernel or the objective is not finite");
+    TEST_ASSERT_TRUE_MESSAGE(f->positive, "a plane or a kernel is negative");
+    TEST_ASSERT_TRUE_MESSAGE(f->rise <= 1e-6, "the objective rose");
+    TEST_ASSERT_TRUE_MESSAGE(f->device <= 1, "the device misjudges its objective");
+    TEST_ASSERT_TRUE_MESSAGE(f->slope <= 1e-4, "the kernels are not the best for their planes");
+}
+
+/* Every number in the file is one, none is negative, each point is counted, and the model is better than none. */
+static void check_material(void)
+{
+    struct factor_summary summary = {0};
+    struct nacre_material m = {0};
+    /* Eight bits in square root reach down to 1/65025 of a plane's largest value, which a spike of 1e5 is beyond. */
+    int bits = strcmp(current->name, "spike") == 0 ? 0 : 8;
+    hard_terms_material(current, bits, &opencl, &m, &summary);
+    size_t points = (size_t)m.width * (size_t)m.height;
+    size_t window = (size_t)m.window * (size_t)m.window;
+    for (size_t i = 0; i < points * (size_t)m.terms * (size_t)m.factor_channels; i++) {
+        TEST_ASSERT_TRUE(isfinite(m.f[i]) && m.f[i] >= 0);
+        TEST_ASSERT_TRUE(!m.h || (isfinite(m.h[i]) && m.h[i] >= 0));
+    }
+    for (size_t i = 0; i < (size_t)m.terms * (size_t)m.channels * window; i++) {
+        TEST_ASSERT_TRUE(isfinite(m.kernels[i]) && m.kernels[i] >= 0);
+    }
+    TEST_ASSERT_EQUAL_INT(points, summary.error.whole.points + summary.error.not_measured +
+                                      summary.error.dark);
+    TEST_ASSERT_TRUE(isfinite(summary.error.whole.maximum) && summary.error.whole.mean <= 1);
+    factor_summary_finish(&summary);
+    nacre_material_finish(&m);
+}
+
+static void a_hard_case_stays_stable(void)
+{
+    struct hard_terms_figures f = hard_terms_run(current, &opencl, HARD_AS_FOUND, 0, 0);
+    check_figures(&f);
+    check_material();
+}
+
+static void run_cases(void)
+{
+    static char names[64][80];
+    for (size_t i = 0; i < hard_case_count && i < 64; i++) {
+        current = &hard_cases[i];
+        (void)snprintf(names[i], sizeof names[i], "%s with a kernel per term stays stable",
+                       current->name);
+        UnityDefaultTestRun(a_hard_case_stays_stable, names[i], __LINE__);
+    }
+}
+
+static const struct hard_case *case_of(const char *name)
+{
+    for (size_t i = 0; i < hard_case_count; i++) {
+        if (strcmp(hard_cases[i].name, name) == 0) {
+            return &hard_cases[i];
+        }
+    }
+    TEST_FAIL_MESSAGE(name);
+    return NULL;
+}
+
+/* A term that is 0 stays so, as does all else: the other two go where two go that start as they do. Terms are taken in
+ * twos, so sums of two and of three run alike but for their roundings, which forty steps can make 1e-3 of. */
+static void a_dead_term_does_no_harm(void)
+{
+    const struct hard_case *hard = case_of("ordinary");
+    struct hard_terms_figures f = hard_terms_run(hard, &opencl, HARD_DEAD, 3, 0);
+    check_figures(&f);
+    TEST_ASSERT_TRUE(f.objective < 0.5 * f.energy);
+}
+
+/* Of two that are one, the objective is no worse than of one; and they part, as points' values are set one after the
+ * other: it is better. */
+static void identical_terms_part(void)
+{
+    const struct hard_case *hard = case_of("ordinary");
+    struct hard_terms_figures one = hard_terms_run(hard, &opencl, HARD_AS_FOUND, 1, 0);
+    struct hard_terms_figures two = hard_terms_run(hard, &opencl, HARD_IDENTICAL, 2, 0);
+    check_figures(&two);
+    TEST_ASSERT_TRUE(two.objective < one.objective);
+}
+
+/* More terms than there are points are no worse than one. */
+static void more_terms_than_points_do_no_harm(void)
+{
+    const struct hard_case *hard = case_of("terms above points");
+    struct hard_terms_figures one = hard_terms_run(hard, &opencl, HARD_AS_FOUND, 1, 0);
+    struct hard_terms_figures many = hard_terms_run(hard, &opencl, HARD_AS_FOUND, 0, 0);
+    TEST_ASSERT_TRUE(many.objective <= one.objective);
+}
+
+int main(void)
+{
+    struct nacre_error error = {0};
+    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
+        (void)fprintf(stderr, "%s\n", error.text);
+        return 1;
+    }
+    UNITY_BEGIN();
+    run_cases();
+    RUN_TEST(a_dead_term_does_no_harm);
+    RUN_TEST(identical_terms_part);
+    RUN_TEST(more_terms_than_points_do_no_harm);
+    opencl_close(&opencl);
+    return UNITY_END();
+}
