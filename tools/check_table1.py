@@ -9,8 +9,9 @@ import tempfile
 import time
 
 SCRIPT = os.path.join(os.path.dirname(os.path.abspath(__file__)), 'table1.py')
-# So many iterations that half a second after their begin they have not ended.
-ARGUMENTS = ['--small', '--samples', 'marble-close', '--iterations', '2000']
+# So many iterations that they have not ended when the first checkpoint is there.
+ARGUMENTS = ['--small', '--samples', 'marble-close', '--iterations', '2000', '--checkpoint-every', '0.2s']
+CHECKPOINT = 'marble-close/paper.checkpoint'
 failures = 0
 
 
@@ -27,23 +28,28 @@ def start(*arguments):
 def interrupt():
     """Stop it in the paper's method: its exit status."""
     child = start(*ARGUMENTS)
-    for line in child.stderr:
-        if 'paper.exr' in line:
-            time.sleep(0.5)
-            child.send_signal(signal.SIGTERM)
-            break
+    while child.poll() is None and not os.path.exists(os.path.join(folder, CHECKPOINT)):
+        time.sleep(0.02)
+    child.send_signal(signal.SIGTERM)
     child.communicate()
     return child.returncode
 
 
+def load(name):
+    with open(os.path.join(folder, 'marble-close', name), encoding='utf-8') as file:
+        return json.load(file)
+
+
 def main():
     status = interrupt()
+    stopped = load('paper.json')
     check('what_is_stopped_leaves_a_checkpoint',
-          status == 128 + signal.SIGTERM and os.path.exists(os.path.join(folder, 'marble-close/paper.checkpoint')))
+          status == 128 + signal.SIGTERM and os.path.exists(os.path.join(folder, CHECKPOINT)))
     child = start(*ARGUMENTS)
     table, log = child.communicate()
-    with open(os.path.join(folder, 'marble-close/paper.json'), encoding='utf-8') as file:
-        paper = json.load(file)['result']
+    paper = load('paper.json')
+    check('processor_time_adds_up', 0 < stopped['processor_seconds'] < paper['processor_seconds'])
+    paper = paper['result']
     check('it_goes_on_from_there', child.returncode == 0 and 'simulate' not in log and paper['continued'])
     check('all_iterations_are_the_papers', paper['method'].startswith('mu') and paper['iterations'] == 2000
           and paper['stored'] == 'float')
@@ -61,5 +67,5 @@ def main():
 program = os.path.abspath(sys.argv[1])
 with tempfile.TemporaryDirectory() as folder:
     main()
-print(f'\n7 Tests {failures} Failures 0 Ignored ')
+print(f'\n8 Tests {failures} Failures 0 Ignored ')
 sys.exit(1 if failures else 0)

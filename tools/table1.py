@@ -3,10 +3,10 @@
 paper's: responses are computed (nacre simulate), factored by the paper's method (hard clusters, multiplicative updates,
 floats) and with a kernel for each term.
 
-usage: table1.py NACRE FOLDER [--small] [--show] [--samples NAME,...] [--iterations N] [--device NAME]
+usage: table1.py NACRE FOLDER [--small] [--show] [--samples NAME,...] [--iterations N] [--checkpoint-every TIME] [--device NAME]
 
 --small takes stand-ins a quarter as wide. --show prints what is there and computes nothing. All of it takes hours;
-whatever was finished, and the paper's method within the last minute, is gone on from when the command is given again.
+whatever was finished is kept, and the paper's method goes on from its checkpoint, when the command is given again.
 """
 import argparse
 import hashlib
@@ -33,15 +33,14 @@ ROWS = {
 ORDER = ['marble-close', 'marble-dense', 'marble-slight', 'marble-8x8', 'candle', 'onyx-lines', 'crystal-onyx', 'marble-4x4']
 # Terms with a kernel each that are tried, until the error is below the paper's method's.
 LADDER = [8, 16, 24, 32]
-children = []
+running = {'child': None, 'stopped_by': 0}
 
 
 def stop(number, _frame):
     """Let nacre write its checkpoint."""
-    for child in children:
-        child.send_signal(signal.SIGINT)
-        child.wait()
-    sys.exit(128 + number)
+    running['stopped_by'] = number
+    if running['child']:
+        running['child'].send_signal(signal.SIGINT)
 
 
 def load(path):
@@ -68,18 +67,22 @@ def run(folder, name, key, *arguments):
     spent = known.get('processor_seconds', 0) if known.get('key') == key else 0
     if options.show:
         return {}
+    if running['stopped_by']:
+        sys.exit(128 + running['stopped_by'])
     print(f'$ nacre {" ".join(arguments)}', file=sys.stderr, flush=True)
     child = subprocess.Popen([program, *arguments, '--quiet', '--json', *device], cwd=folder, text=True,
                              stdout=subprocess.PIPE, stderr=subprocess.PIPE)
-    children.append(child)
+    running['child'] = child
     # Nothing is printed before the end but a few lines, which pipes hold.
     _, status, usage = os.wait4(child.pid, 0)
     child.returncode = os.waitstatus_to_exitcode(status)
-    children.remove(child)
+    running['child'] = None
     record = {'key': key, 'processor_seconds': spent + usage.ru_utime + usage.ru_stime}
     if child.returncode == 0:
         record['result'] = json.loads(child.stdout.read())
     store(path, record)
+    if running['stopped_by']:
+        sys.exit(128 + running['stopped_by'])
     if child.returncode != 0:
         sys.exit(f'table1: nacre {arguments[0]} failed: {child.stderr.read().strip()}')
     return record
@@ -103,9 +106,9 @@ def measure(name):
     if not made['scan']:
         return made
     key = f'{sample} {window} {options.iterations}'
-    made['paper'] = run(folder, 'paper', f'{key} {terms} {clusters}', 'factor', 'scan.exr', '-o', 'paper.exr', '--method', 'mu',
-                        '--terms', str(terms), '--clusters', str(clusters), '--iterations', str(options.iterations),
-                        '--tolerance', '0', '--store', 'float', '--checkpoint', 'paper.checkpoint')
+    made['paper'] = run(folder, 'paper', f'{key} {terms} {clusters}', 'factor', 'scan.exr', '-o', 'paper.exr', '--model', 'clusters',
+                        '--method', 'mu', '--terms', str(terms), '--clusters', str(clusters), '--iterations', str(options.iterations),
+                        '--tolerance', '0', '--store', 'float', '--checkpoint', 'paper.checkpoint', '--checkpoint-every', options.checkpoint_every)
     if not made['paper']:
         return made
     for count in LADDER:
@@ -187,6 +190,7 @@ parser.add_argument('--small', action='store_true')
 parser.add_argument('--show', action='store_true')
 parser.add_argument('--samples')
 parser.add_argument('--iterations', type=int, default=1000)
+parser.add_argument('--checkpoint-every', default='1min')
 parser.add_argument('--device')
 options = parser.parse_args()
 program = os.path.abspath(options.nacre)
