@@ -42,10 +42,11 @@ static struct sums sum_channel(const struct double_terms *m, int channel)
     const struct responses *r = &m->data->copies[0];
     struct sums sums = {0};
     int half = r->window / 2, area = r->window * r->window;
-    float *kernels = malloc((size_t)m->terms * (size_t)area * sizeof *kernels);
+    float *kernels = calloc((size_t)m->terms * (size_t)area + 1, sizeof *kernels);
     for (int t = 0; t < m->terms; t++) {
-        terms_grid_spread(&m->data->grid, m->numbers[channel] + t * m->data->grid.count,
-                          kernels + t * area);
+        terms_grid_spread(&m->data->grid,
+                          m->numbers[channel] + (size_t)t * (size_t)m->data->grid.count,
+                          kernels + (size_t)t * (size_t)area);
     }
     for (int i = 0; i < r->width * r->height * area; i++) {
         int at = i % area, x = i / area % r->width, y = i / area / r->width;
@@ -55,8 +56,9 @@ static struct sums sum_channel(const struct double_terms *m, int channel)
         }
         float value = responses_value(r, channel, x, y, u, v);
         if (!isnan(value)) {
-            add_entry(m, channel, (size_t)(y * r->width + x), (size_t)(yo * r->width + xo), at,
-                      (double)value, kernels, &sums);
+            add_entry(m, channel, (size_t)y * (size_t)r->width + (size_t)x,
+                      (size_t)yo * (size_t)r->width + (size_t)xo, at, (double)value, kernels,
+                      &sums);
         }
     }
     free(kernels);

@@ -44,10 +44,11 @@ static void open_stage(struct stage *s, const struct hard_case *hard, const stru
     bench_succeed(terms_new(opencl, &s->attempt.problem, &s->method, &error), &error);
     s->plane = (size_t)hard->width * (size_t)hard->height;
     s->count = s->plane * (size_t)terms;
-    s->f = malloc(s->count * sizeof *s->f);
-    s->h = malloc(s->count * sizeof *s->h);
+    s->f = calloc(s->count + 1, sizeof *s->f);
+    s->h = calloc(s->count + 1, sizeof *s->h);
     for (int c = 0; c < hard->channels; c++) {
-        s->numbers[c] = malloc((size_t)s->data.grid.count * (size_t)terms * sizeof *s->numbers[c]);
+        s->numbers[c] =
+            calloc((size_t)s->data.grid.count * (size_t)terms + 1, sizeof *s->numbers[c]);
         TEST_ASSERT_NOT_NULL(s->numbers[c]);
     }
     TEST_ASSERT_TRUE(s->f && s->h);

@@ -13,7 +13,7 @@ struct bench {
     const char *nacre;
     struct opencl opencl;
     bool quick;
-    bool shaped;       /* of a sweep: a kernel per term alone */
+    bool shaped;       /* of a sweep: a kernel per term against 12 terms and 5 clusters alone */
     int points;        /* a side, at most */
     const char *plots; /* a folder for pictures, or NULL */
 };
