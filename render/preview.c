@@ -12,14 +12,24 @@ extern const struct opencl_source preview_vertex_vert, preview_pixel_frag, previ
 
 enum { FACES = 6, LAYERS_FINE = 8, MAP_FINE = 2048, MAP_COARSE = 1024 };
 
+static const char version[] = "#version 400 core\n";
+
 /* Half extent of a map of depths at unit distance; over 1, so that reading between texels stays inside. */
 static const double map_tangent = 1.01;
+
+/* A program for surfaces of one kind. */
+struct shade {
+    int pictures, end; /* lights that cast pictures, and all, that it adds */
+    bool translucent, bounded;
+    GLuint program;
+};
 
 struct surface {
     GLuint array, index_count;
     bool translucent;
     double specular, index; /* 0 and 1 where the effect is not called for */
     const struct scene_object *settings;
+    GLuint program;
 };
 
 struct preview {
@@ -33,8 +43,10 @@ struct preview {
     bool shadows;
     struct surface *surfaces;
     size_t surface_count;
+    struct shade *shades; /* no more than surfaces */
+    size_t shade_count;
     double nearest_mm, farthest_mm; /* of the scene from its farthest light or camera */
-    GLuint pixel_program, depth_program;
+    GLuint depth_program;
     GLuint frame;
     int scale; /* its pixels to one of the picture, in x and y */
     GLuint maps;
@@ -52,9 +64,9 @@ static int check_gl(const struct preview *preview, const char *action, struct na
                : nacre_fail(error, "cannot draw a preview: OpenGL says 0x%x when %s", code, action);
 }
 
-/* The source behind the line that tells its name, which OpenGL does not know and wants behind the version. */
-static int compile(const struct osmesa *gl, GLenum kind, const struct opencl_source *source,
-                   GLuint *shader, struct nacre_error *error)
+/* The source behind `begin` in place of the line that tells its name, which OpenGL does not know. */
+static int compile(const struct osmesa *gl, GLenum kind, const char *begin,
+                   const struct opencl_source *source, GLuint *shader, struct nacre_error *error)
 {
     char message[512] = "";
     GLint good = GL_FALSE;
@@ -63,7 +75,7 @@ static int compile(const struct osmesa *gl, GLenum kind, const struct opencl_sou
         return nacre_fail_memory(error, "a shader");
     }
     for (size_t i = 0; i < source->line_count; i++) {
-        lines[i] = i ? source->lines[i] : "#version 400 core\n";
+        lines[i] = i ? source->lines[i] : begin;
     }
     *shader = gl->CreateShader(kind);
     gl->ShaderSource(*shader, (GLsizei)source->line_count, lines, NULL);
@@ -75,15 +87,16 @@ static int compile(const struct osmesa *gl, GLenum kind, const struct opencl_sou
                 : nacre_fail(error, "cannot draw a preview: %s: %s", source->name, message);
 }
 
-static int link_program(const struct osmesa *gl, const struct opencl_source *pixels,
-                        GLuint *program, struct nacre_error *error)
+static int link_program(const struct osmesa *gl, const char *begin,
+                        const struct opencl_source *pixels, GLuint *program,
+                        struct nacre_error *error)
 {
     char message[512] = "";
     GLint good = GL_FALSE;
     GLuint shaders[2] = {0, 0};
-    int status = compile(gl, GL_VERTEX_SHADER, &preview_vertex_vert, &shaders[0], error);
+    int status = compile(gl, GL_VERTEX_SHADER, version, &preview_vertex_vert, &shaders[0], error);
     if (status == NACRE_OK) {
-        status = compile(gl, GL_FRAGMENT_SHADER, pixels, &shaders[1], error);
+        status = compile(gl, GL_FRAGMENT_SHADER, begin, pixels, &shaders[1], error);
     }
     if (status == NACRE_OK) {
         *program = gl->CreateProgram();
@@ -156,20 +169,13 @@ static int upload_surface(struct preview *preview, const struct stage *stage, si
 static void draw_surfaces(const struct preview *preview, bool shaded)
 {
     const struct osmesa *gl = &preview->gl;
-    GLuint program = preview->pixel_program;
     for (size_t i = 0; i < preview->surface_count; i++) {
         const struct surface *surface = &preview->surfaces[i];
         const struct scene_object *settings = surface->settings;
         if (shaded) {
-            /* Highlights of soft lights, whose light is baked, are on translucent objects alone. */
-            bool glossy = surface->specular > 0, all = surface->translucent && glossy;
-            size_t end = all ? preview->light_count : preview->hard_count;
-            end = surface->translucent && !glossy ? 0 : end;
-            gl->Uniform1i(gl->GetUniformLocation(program, "pictures"),
-                          (GLint)(end < preview->picture_count ? end : preview->picture_count));
-            gl->Uniform1i(gl->GetUniformLocation(program, "end"), (GLint)end);
+            GLuint program = surface->program;
+            gl->UseProgram(program);
             gl->Uniform1f(gl->GetUniformLocation(program, "index"), (float)surface->index);
-            gl->Uniform1i(gl->GetUniformLocation(program, "translucent"), surface->translucent);
             gl->Uniform3f(gl->GetUniformLocation(program, "colour"), (float)settings->color[0],
                           (float)settings->color[1], (float)settings->color[2]);
             gl->Uniform1f(gl->GetUniformLocation(program, "specular"), (float)surface->specular);
@@ -179,6 +185,53 @@ static void draw_surfaces(const struct preview *preview, bool shaded)
         gl->BindVertexArray(surface->array);
         gl->DrawElements(GL_TRIANGLES, (GLsizei)surface->index_count, GL_UNSIGNED_INT, NULL);
     }
+}
+
+/* The lights that a surface's program adds. */
+static struct shade shade_of(const struct preview *preview, const struct surface *surface)
+{
+    /* Highlights of soft lights, whose light is baked, are on translucent objects alone. */
+    bool glossy = surface->specular > 0, all = surface->translucent && glossy;
+    size_t end = all ? preview->light_count : preview->hard_count;
+    end = surface->translucent && !glossy ? 0 : end;
+    return (struct shade){.pictures =
+                              (int)(end < preview->picture_count ? end : preview->picture_count),
+                          .end = (int)end,
+                          .translucent = surface->translucent,
+                          .bounded = surface->index > 1};
+}
+
+static bool shades_alike(const struct shade *a, const struct shade *b)
+{
+    return a->pictures == b->pictures && a->end == b->end && a->translucent == b->translucent &&
+           a->bounded == b->bounded;
+}
+
+/* A program for each kind of surface that there is. */
+static int make_shades(struct preview *preview, struct nacre_error *error)
+{
+    for (size_t i = 0; i < preview->surface_count; i++) {
+        struct shade shade = shade_of(preview, &preview->surfaces[i]);
+        size_t k = 0;
+        while (k < preview->shade_count && !shades_alike(&preview->shades[k], &shade)) {
+            k++;
+        }
+        if (k == preview->shade_count) {
+            char begin[256];
+            (void)snprintf(begin, sizeof begin,
+                           "%s#define PICTURES %d\n#define END %d\n#define TRANSLUCENT %s\n"
+                           "#define BOUNDED %s\n",
+                           version, shade.pictures, shade.end, shade.translucent ? "true" : "false",
+                           shade.bounded ? "true" : "false");
+            if (link_program(&preview->gl, begin, &preview_pixel_frag, &shade.program, error) !=
+                NACRE_OK) {
+                return NACRE_FAILED;
+            }
+            preview->shades[preview->shade_count++] = shade;
+        }
+        preview->surfaces[i].program = preview->shades[k].program;
+    }
+    return NACRE_OK;
 }
 
 /* The matrix of a pyramid of half extents tan_x and tan_y, by columns. */
@@ -305,18 +358,30 @@ static int draw_maps(struct preview *preview, struct nacre_error *error)
 }
 
 /* The location of a member of the shader's lights[number]. */
-static GLint light_location(const struct preview *preview, size_t number, const char *member)
+static GLint light_location(const struct preview *preview, GLuint program, size_t number,
+                            const char *member)
 {
     char name[64];
     (void)snprintf(name, sizeof name, "lights[%zu].%s", number, member);
-    return preview->gl.GetUniformLocation(preview->pixel_program, name);
+    return preview->gl.GetUniformLocation(program, name);
 }
 
-static void set_light_vector(const struct preview *preview, size_t number, const char *member,
-                             struct vec3 v)
+static void set_light_vector(const struct preview *preview, GLuint program, size_t number,
+                             const char *member, struct vec3 v)
 {
-    preview->gl.Uniform3f(light_location(preview, number, member), (float)v.x, (float)v.y,
+    preview->gl.Uniform3f(light_location(preview, program, number, member), (float)v.x, (float)v.y,
                           (float)v.z);
+}
+
+/* The extents that all slides have room in. */
+static void find_slides(const struct preview *preview, int *width, int *height)
+{
+    *width = *height = 1;
+    for (size_t i = 0; i < preview->light_count; i++) {
+        const struct picture *slide = &preview->lights[i]->slide;
+        *width = slide->rgb && slide->width > *width ? slide->width : *width;
+        *height = slide->rgb && slide->height > *height ? slide->height : *height;
+    }
 }
 
 /* The slides as layers of one texture, each in its corner; white where there is none. */
@@ -324,13 +389,9 @@ static void upload_slides(const struct preview *preview)
 {
     const struct osmesa *gl = &preview->gl;
     const float white[3] = {1, 1, 1};
-    int width = 1, height = 1;
+    int width, height;
     GLuint texture;
-    for (size_t i = 0; i < preview->light_count; i++) {
-        const struct picture *slide = &preview->lights[i]->slide;
-        width = slide->rgb && slide->width > width ? slide->width : width;
-        height = slide->rgb && slide->height > height ? slide->height : height;
-    }
+    find_slides(preview, &width, &height);
     gl->GenTextures(1, &texture);
     gl->ActiveTexture(GL_TEXTURE1);
     gl->BindTexture(GL_TEXTURE_2D_ARRAY, texture);
@@ -341,44 +402,59 @@ static void upload_slides(const struct preview *preview)
     gl->TexParameteri(GL_TEXTURE_2D_ARRAY, GL_TEXTURE_MAG_FILTER, GL_LINEAR);
     for (size_t i = 0; i < preview->light_count; i++) {
         const struct picture *slide = &preview->lights[i]->slide;
-        int w = slide->rgb ? slide->width : 1, h = slide->rgb ? slide->height : 1;
-        gl->TexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, 0, 0, (GLint)i, w, h, 1, GL_RGB, GL_FLOAT,
+        gl->TexSubImage3D(GL_TEXTURE_2D_ARRAY, 0, 0, 0, (GLint)i, slide->rgb ? slide->width : 1,
+                          slide->rgb ? slide->height : 1, 1, GL_RGB, GL_FLOAT,
                           slide->rgb ? slide->rgb : white);
-        gl->Uniform2f(light_location(preview, i, "slide"), (float)w / (float)width,
-                      (float)h / (float)height);
     }
-    gl->Uniform1i(gl->GetUniformLocation(preview->pixel_program, "depths"), 0);
-    gl->Uniform1i(gl->GetUniformLocation(preview->pixel_program, "slides"), 1);
 }
 
-static int upload_lights(const struct preview *preview, struct nacre_error *error)
+static void set_light(const struct preview *preview, GLuint program, size_t i)
 {
     const struct osmesa *gl = &preview->gl;
-    GLuint program = preview->pixel_program;
-    gl->UseProgram(program);
+    const struct light *light = preview->lights[i];
+    const struct picture *slide = &light->slide;
+    bool wide = light->kind == LIGHT_POINT || light->kind == LIGHT_AREA;
+    int width, height;
+    find_slides(preview, &width, &height);
+    gl->Uniform2f(light_location(preview, program, i, "slide"),
+                  (float)(slide->rgb ? slide->width : 1) / (float)width,
+                  (float)(slide->rgb ? slide->height : 1) / (float)height);
+    gl->Uniform1i(light_location(preview, program, i, "lambert"), light->kind == LIGHT_AREA);
+    set_light_vector(preview, program, i, "position", light->position);
+    set_light_vector(preview, program, i, "right", light->right);
+    set_light_vector(preview, program, i, "up", light->up);
+    set_light_vector(preview, program, i, "forward", light->forward);
+    set_light_vector(preview, program, i, "intensity", vec3_from_doubles(light->intensity));
+    gl->Uniform1f(light_location(preview, program, i, "cos_full"),
+                  wide ? -2 : (float)light->cos_full);
+    gl->Uniform1f(light_location(preview, program, i, "cos_edge"),
+                  wide ? -3 : (float)light->cos_edge);
+    gl->Uniform2f(light_location(preview, program, i, "tangents"), (float)light->tan_x,
+                  (float)light->tan_y);
+    gl->Uniform1iv(light_location(preview, program, i, "layers"), FACES, preview->layers[i]);
+}
+
+/* What stays the same in all frames, for each program. */
+static int set_lights(const struct preview *preview, struct nacre_error *error)
+{
+    const struct osmesa *gl = &preview->gl;
     upload_slides(preview);
-    for (size_t i = 0; i < preview->light_count; i++) {
-        const struct light *light = preview->lights[i];
-        bool wide = light->kind == LIGHT_POINT || light->kind == LIGHT_AREA;
-        gl->Uniform1i(light_location(preview, i, "lambert"), light->kind == LIGHT_AREA);
-        set_light_vector(preview, i, "position", light->position);
-        set_light_vector(preview, i, "right", light->right);
-        set_light_vector(preview, i, "up", light->up);
-        set_light_vector(preview, i, "forward", light->forward);
-        set_light_vector(preview, i, "intensity", vec3_from_doubles(light->intensity));
-        gl->Uniform1f(light_location(preview, i, "cos_full"), wide ? -2 : (float)light->cos_full);
-        gl->Uniform1f(light_location(preview, i, "cos_edge"), wide ? -3 : (float)light->cos_edge);
-        gl->Uniform2f(light_location(preview, i, "tangents"), (float)light->tan_x,
-                      (float)light->tan_y);
-        gl->Uniform1iv(light_location(preview, i, "layers"), FACES, preview->layers[i]);
+    for (size_t k = 0; k < preview->shade_count; k++) {
+        GLuint program = preview->shades[k].program;
+        gl->UseProgram(program);
+        gl->Uniform1i(gl->GetUniformLocation(program, "depths"), 0);
+        gl->Uniform1i(gl->GetUniformLocation(program, "slides"), 1);
+        for (size_t i = 0; i < preview->light_count; i++) {
+            set_light(preview, program, i);
+        }
+        gl->Uniform1f(gl->GetUniformLocation(program, "depth_tangent"), (float)map_tangent);
+        gl->Uniform2f(gl->GetUniformLocation(program, "depth_planes"), (float)preview->nearest_mm,
+                      (float)preview->farthest_mm);
+        gl->Uniform1f(gl->GetUniformLocation(program, "depth_texel"),
+                      (float)(2 * map_tangent / preview->map_size));
+        gl->Uniform1f(gl->GetUniformLocation(program, "exposure"),
+                      (float)preview->scene->image.exposure);
     }
-    gl->Uniform1f(gl->GetUniformLocation(program, "depth_tangent"), (float)map_tangent);
-    gl->Uniform2f(gl->GetUniformLocation(program, "depth_planes"), (float)preview->nearest_mm,
-                  (float)preview->farthest_mm);
-    gl->Uniform1f(gl->GetUniformLocation(program, "depth_texel"),
-                  (float)(2 * map_tangent / preview->map_size));
-    gl->Uniform1f(gl->GetUniformLocation(program, "exposure"),
-                  (float)preview->scene->image.exposure);
     return check_gl(preview, "setting the lights", error);
 }
 
@@ -461,7 +537,8 @@ int preview_open(const struct stage *stage, bool smooth, struct preview **previe
     struct preview *made = calloc(1, sizeof *made);
     int status = NACRE_FAILED;
     *preview = NULL;
-    if (!made || !(made->surfaces = calloc(scene->object_count + 1, sizeof *made->surfaces))) {
+    if (!made || !(made->surfaces = calloc(scene->object_count + 1, sizeof *made->surfaces)) ||
+        !(made->shades = calloc(scene->object_count + 1, sizeof *made->shades))) {
         (void)nacre_fail_memory(error, "a preview");
         goto out;
     }
@@ -470,8 +547,8 @@ int preview_open(const struct stage *stage, bool smooth, struct preview **previe
         goto out;
     }
     if (osmesa_open(&made->gl, error) != NACRE_OK ||
-        link_program(&made->gl, &preview_pixel_frag, &made->pixel_program, error) != NACRE_OK ||
-        link_program(&made->gl, &preview_depth_frag, &made->depth_program, error) != NACRE_OK) {
+        link_program(&made->gl, version, &preview_depth_frag, &made->depth_program, error) !=
+            NACRE_OK) {
         goto out;
     }
     for (size_t i = 0; i < scene->object_count; i++) {
@@ -481,7 +558,8 @@ int preview_open(const struct stage *stage, bool smooth, struct preview **previe
     }
     find_planes(made, stage);
     made->gl.Enable(GL_DEPTH_TEST);
-    if (draw_maps(made, error) == NACRE_OK && upload_lights(made, error) == NACRE_OK) {
+    if (draw_maps(made, error) == NACRE_OK && make_shades(made, error) == NACRE_OK &&
+        set_lights(made, error) == NACRE_OK) {
         status = make_canvas(made, smooth, error);
     }
 out:
@@ -498,6 +576,7 @@ void preview_close(struct preview *preview)
     if (preview) {
         osmesa_close(&preview->gl);
         free(preview->surfaces);
+        free(preview->shades);
         free(preview->pixels);
         free(preview);
     }
@@ -553,10 +632,13 @@ int preview_draw(struct preview *preview, double turn_deg, struct picture *pictu
     gl->ClearColor((float)image->background[0], (float)image->background[1],
                    (float)image->background[2], 0);
     gl->Clear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
-    gl->UseProgram(preview->pixel_program);
-    gl->Uniform3f(gl->GetUniformLocation(preview->pixel_program, "eye"), (float)view.position.x,
-                  (float)view.position.y, (float)view.position.z);
-    set_projection(preview, preview->pixel_program, &view);
+    for (size_t k = 0; k < preview->shade_count; k++) {
+        GLuint program = preview->shades[k].program;
+        gl->UseProgram(program);
+        gl->Uniform3f(gl->GetUniformLocation(program, "eye"), (float)view.position.x,
+                      (float)view.position.y, (float)view.position.z);
+        set_projection(preview, program, &view);
+    }
     draw_surfaces(preview, true);
     gl->ReadPixels(0, 0, width, height, GL_RGBA, GL_FLOAT, preview->pixels);
     if (check_gl(preview, "drawing", error) != NACRE_OK) {

@@ -14,13 +14,12 @@ struct Light {
 
 uniform vec3 eye;
 uniform float exposure;
-uniform bool translucent;
 uniform vec3 colour; // of a plain surface
 uniform float specular, roughness;
-// Lights that cast pictures come first, up to `pictures`, then others, up to `end`. An `if` would save nothing: all its
-// paths are always taken.
-uniform int pictures, end;
 uniform float index; // of refraction; 1: light leaves alike in all directions
+// PICTURES, END, TRANSLUCENT and BOUNDED (an index of refraction) are defined in front of this, for each kind of surface:
+// llvmpipe goes through the body of a loop or an `if` whether or not a pixel takes it. Lights that cast pictures come
+// first, up to PICTURES, then others, up to END.
 uniform Light lights[LIGHTS];
 uniform sampler2DArray slides; // one a light
 uniform sampler2DArrayShadow depths;
@@ -92,7 +91,7 @@ vec3 added(int number, vec3 direction, vec3 shade, vec3 normal, vec3 view)
     float cosine = -dot(direction, normal);
     vec3 arriving = lights[number].intensity * shade / dot(way, way) * visible(number, place, normal);
     float highlight = specular * pow(max(dot(normalize(view - direction), normal), 0), 1 / roughness);
-    return cosine > 0 ? arriving * (highlight + (translucent ? vec3(0) : colour * cosine)) : vec3(0);
+    return cosine > 0 ? arriving * (highlight + (TRANSLUCENT ? vec3(0) : colour * cosine)) : vec3(0);
 }
 
 // As in fresnel.h: 1 along the normal, 0 where light grazes.
@@ -107,17 +106,17 @@ float transmitted(float cosine)
 void main()
 {
     vec3 normal = normalize(side), view = normalize(eye - place);
-    vec3 sum = translucent ? baked : colour * baked;
-    if (index > 1) {
+    vec3 sum = TRANSLUCENT ? baked : colour * baked;
+    if (BOUNDED) {
         float cosine = dot(normal, view);
         sum *= cosine > 0 ? transmitted(min(cosine, 1.0)) : 0.0;
     }
     normal *= dot(normal, view) < 0 ? -1 : 1; // POV-Ray lights the side that is seen
-    for (int i = 0; i < pictures; i++) {
+    for (int i = 0; i < PICTURES; i++) {
         vec3 direction = normalize(place - lights[i].position);
         sum += added(i, direction, picture(i, direction), normal, view);
     }
-    for (int i = pictures; i < end; i++) {
+    for (int i = PICTURES; i < END; i++) {
         vec3 direction = normalize(place - lights[i].position);
         sum += added(i, direction, vec3(cone(i, direction)), normal, view);
     }
