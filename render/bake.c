@@ -9,9 +9,6 @@
 #include <math.h>
 #include <stdlib.h>
 
-/* See gather.h. Samples scatter by more: 0.5 % at what `nacre render` takes (docs/rendering.md). */
-static const double tolerance = 2e-3;
-
 static double seconds_since(int64_t start_ns)
 {
     struct clock clock = clock_monotonic();
@@ -148,7 +145,7 @@ int bake_object(const struct lit_surface *surface, const struct appearance *appe
                                 appearance,
                                 &samples,
                                 effects->same_side,
-                                settings->tolerance > 0 ? settings->tolerance : tolerance,
+                                settings->tolerance > 0 ? settings->tolerance : BAKE_TOLERANCE,
                                 GATHER_SOONEST};
         status = add_gathered(&gather, opencl, settings->quiet, radiosity, &gathered, error);
         counts->products = 3 * (size_t)appearance->terms;

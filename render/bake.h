@@ -11,10 +11,13 @@
 #include "render/mapping.h"
 #include "render/scene.h"
 
+/* See gather.h. Samples scatter by more: 0.5 % at what `nacre render` takes (docs/rendering.md). */
+#define BAKE_TOLERANCE 2e-3
+
 struct bake_settings {
     double density;   /* light samples to one surface point */
     double before;    /* those behind so many that the same seed made; 0: the first */
-    double tolerance; /* of the gather; 0: the usual one */
+    double tolerance; /* of the gather; 0: BAKE_TOLERANCE */
     int rays;         /* shadow rays from a sample to an area light */
     size_t photons;   /* 0: stratified samples; else this many photons in their place */
     uint64_t seed;

@@ -2,22 +2,26 @@
 #include "render/effects_list.h"
 
 #include "render/facts.h"
+#include "render/gather_cost.h"
 #include "render/plain.h"
 
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 
-/* Seconds on one 2 to 3 GHz core: a ray that is cast, a light or a picture that is looked up, and what samples and
- * vertices take in the gather for each term and pair (docs/rendering.md). */
-static const double RAY_S = 6e-7;
-static const double LIGHT_S = 1.5e-7;
-static const double LOOKUP_S = 1e-7;
-static const double PAIR_TERM_S = 1.2e-9;
-static const double VERTEX_S = 2e-6;
+/* Processor seconds of one core of a 3 GHz EPYC, fitted to light baked with OMP_NUM_THREADS=1 (docs/rendering.md): a ray
+ * that is cast, a light that is looked at for it, also where it faces away, a slide or a sky looked up, a transmittance,
+ * a sample placed on the surface, and for each vertex a sample of a surface point averaged around it. Those of the gather
+ * are gather_cost.c's. */
+static const double RAY_S = 2.2e-7;
+static const double LIGHT_S = 7e-8;
+static const double LOOKUP_S = 5e-8;
+static const double TRANSMIT_S = 7e-8;
+static const double SAMPLE_S = 4e-7;
+static const double LOCAL_S = 5.5e-7;
 
-/* Of all pairs in reach, those that are left when far samples are summed up. */
-static const double PAIRS_LEFT = 0.1;
+/* Of what gather_cost.c counts: laying out light and checking what summing up changes come on top. */
+static const double GATHER_TIMES = 1.6;
 
 struct list {
     const struct stage *stage;
@@ -81,13 +85,21 @@ static double gather_seconds(const struct list *list)
     const struct stage *stage = list->stage;
     double seconds = 0;
     for (size_t i = 0; i < stage->scene->object_count; i++) {
-        const struct render_object_facts *facts = &stage->facts[i];
-        if (stage->effects.objects[i].subsurface) {
-            double reach = facts->reach_points * facts->reach_points * 3;
-            double pairs = (double)stage->objects[i].mesh.vertex_count * reach *
-                           stage->settings->bake.density * PAIRS_LEFT;
-            seconds += pairs * facts->terms * PAIR_TERM_S;
+        const struct stage_object *object = &stage->objects[i];
+        double point = stage->facts[i].point_mm, points = surface_mm2(object) / (point * point);
+        struct nacre_error ignored;
+        struct levels levels = {0};
+        if (stage->effects.objects[i].subsurface &&
+            levels_make(&levels, &object->appearance,
+                        stage->settings->bake.tolerance > 0 ? stage->settings->bake.tolerance
+                                                            : BAKE_TOLERANCE,
+                        &ignored) == NACRE_OK) {
+            struct gather_cost cost =
+                gather_cost_ahead(&object->appearance, &levels, (double)object->mesh.vertex_count,
+                                  points * stage->settings->bake.density, points);
+            seconds += fmin(cost.plain, cost.summed) * 1e-9 * GATHER_TIMES;
         }
+        levels_finish(&levels);
     }
     return seconds *
            (1 + (render_has(&stage->effects, RENDER_BOUNCES) ? stage->scene->bounces : 0));
@@ -160,7 +172,9 @@ static void tell_of_light(struct list *list, enum render_effect id, struct effec
         break;
     case RENDER_ENVIRONMENT:
         effect->line = scene->environment.line;
-        effect->seconds = 0.5 * list->samples * list->stage->settings->bake.rays * LOOKUP_S;
+        effect->seconds =
+            (list->samples * list->stage->settings->bake.rays + list->vertices * PLAIN_RAYS) *
+            LOOKUP_S;
         tell(effect, called, "%s",
              !called                    ? "no environment"
              : scene->environment.image ? "rays drawn by its picture and by the surface's cosine"
@@ -236,13 +250,14 @@ static void tell_of_material(struct list *list, enum render_effect id, struct ef
     switch (id) {
     case RENDER_LOCAL:
         effect->line = object ? object->material.line : list->plain_line;
-        effect->seconds = list->translucent_vertices * VERTEX_S;
+        effect->seconds = list->translucent_vertices * stage->settings->bake.density * LOCAL_S +
+                          (gathers ? 0 : list->samples * SAMPLE_S);
         tell(effect, called, "%s",
              called ? "light that leaves where it entered: plain objects, albedo, kernels' peaks"
                     : "no plain object, and no kernel has a peak");
         break;
     case RENDER_SUBSURFACE:
-        effect->seconds = gather_seconds(list);
+        effect->seconds = gather_seconds(list) + list->samples * SAMPLE_S;
         tell(effect, called, "samples in reach, through F, H and the kernels");
         if (!called) {
             tell_of_no_gather(stage, effect);
@@ -278,7 +293,7 @@ static void tell_of_surface(struct list *list, enum render_effect id, struct eff
                                                                   : FIRST_WITH(stage, reflection);
     if (id == RENDER_FRESNEL) {
         effect->line = object ? object->index_line : 0;
-        effect->seconds = light_rays(list) * LOOKUP_S;
+        effect->seconds = light_rays(list) * TRANSMIT_S;
         tell(effect, called, "%s",
              called ? "light enters and leaves by its angle"
                     : "no translucent object with an index: light enters and leaves alike");

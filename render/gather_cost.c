@@ -72,33 +72,66 @@ static double cost_of_squares(const struct levels *levels, double points, double
     return sum;
 }
 
+/* What there is to gather: receivers, samples and surface points, and of one receiver the samples within the window, those
+ * that are taken by themselves, and those that are merged. */
+struct amounts {
+    double receivers, samples, points, all, near, around;
+};
+
+static struct gather_cost cost_of_amounts(const struct appearance *a, const struct levels *levels,
+                                          double reach, const struct amounts *n)
+{
+    double products = a->terms, per_pair = pair_ns + product_ns * products;
+    double merged = fmin(1, n->points / (n->samples + 1));
+    double parts = a->layout == NACRE_KERNEL_PER_TERM ? 1 : a->basis.parts;
+    double probes = fmin(1, GATHER_PROBES * 16 / n->receivers);
+    struct gather_cost cost = {.plain = n->receivers * n->all * per_pair};
+    cost.summed = n->receivers * ((n->near + merged * n->around) * per_pair + receiver_ns) +
+                  cost_of_squares(levels, n->points, reach) * parts * products * square_ns +
+                  n->samples * sample_ns + n->points * point_ns + probes * cost.plain;
+    cost.summed = levels->merges ? cost.summed / margin : HUGE_VAL;
+    return cost;
+}
+
+/* Of a circle as large as the window, in surface points. */
+static double reach_of(const struct appearance *a)
+{
+    return 1.128 * (a->window / 2 + 1); /* NOLINT(bugprone-integer-division): K is odd */
+}
+
+struct gather_cost gather_cost_ahead(const struct appearance *appearance,
+                                     const struct levels *levels, double vertices, double samples,
+                                     double points)
+{
+    double reach = reach_of(appearance), density = 3.1416 * samples / fmax(points, 1);
+    double near = fmin(levels->samples.end, reach), end = fmin(levels->points.end, reach);
+    double begin = fmin(LEVELS_RISE * levels->points.begin, end);
+    const struct amounts amounts = {fmax(vertices, 1),
+                                    samples,
+                                    points,
+                                    density * reach * reach,
+                                    density * near * near,
+                                    density * (end * end - begin * begin)};
+    return cost_of_amounts(appearance, levels, reach, &amounts);
+}
+
 struct gather_cost gather_cost_of(const struct gather_stock *stock, const struct levels *levels)
 {
     const struct gather *gather = stock->gather;
     const struct source_set *samples = &stock->samples;
-    const struct appearance *a = gather->appearance;
-    double half = a->window / 2 + 1, point = gather->mapping->point_mm; /* NOLINT: K is odd */
-    double reach = 1.128 * half; /* of a circle as large as the window */
-    double products = a->terms, count = (double)stock->receivers.count;
-    double points = mesh_area_mm2(gather->mesh) / (point * point);
-    double per_pair = pair_ns + product_ns * products;
+    double point = gather->mapping->point_mm, reach = reach_of(gather->appearance);
     struct profile *profile = malloc(sizeof *profile);
     if (!profile) {
         return (struct gather_cost){0, HUGE_VAL};
     }
     profile_make(profile, stock, reach, point);
-    double all = pairs_within(profile, reach), near = pairs_within(profile, levels->samples.end);
-    double around = pairs_within(profile, fmin(levels->points.end, reach)) -
-                    pairs_within(profile, LEVELS_RISE * levels->points.begin);
-    double merged = fmin(1, points / (double)(samples->count + 1));
-    bool per_term = a->layout == NACRE_KERNEL_PER_TERM;
-    double parts = per_term ? 1 : a->basis.parts;
-    struct gather_cost cost = {.plain = count * all * per_pair};
-    double probes = fmin(1, GATHER_PROBES * 16 / count);
-    cost.summed = count * ((near + merged * around) * per_pair + receiver_ns) +
-                  cost_of_squares(levels, points, reach) * parts * products * square_ns +
-                  (double)samples->count * sample_ns + points * point_ns + probes * cost.plain;
-    cost.summed = levels->merges ? cost.summed / margin : HUGE_VAL;
+    const struct amounts amounts = {(double)stock->receivers.count,
+                                    (double)samples->count,
+                                    mesh_area_mm2(gather->mesh) / (point * point),
+                                    pairs_within(profile, reach),
+                                    pairs_within(profile, levels->samples.end),
+                                    pairs_within(profile, fmin(levels->points.end, reach)) -
+                                        pairs_within(profile, LEVELS_RISE * levels->points.begin)};
     free(profile);
-    return cost;
+    return cost_of_amounts(gather->appearance, levels, reach, &amounts);
 }

@@ -11,4 +11,9 @@ struct gather_cost {
 
 struct gather_cost gather_cost_of(const struct gather_stock *stock, const struct levels *levels);
 
+/* The same ahead of light and stock: `samples` spread evenly over a level surface of so many surface points. */
+struct gather_cost gather_cost_ahead(const struct appearance *appearance,
+                                     const struct levels *levels, double vertices, double samples,
+                                     double points);
+
 #endif

@@ -247,6 +247,50 @@ static void a_rendering_that_cannot_be_in_time_is_told(void)
     free(picture);
 }
 
+static const json_t *explained(const json_t *list, const char *name)
+{
+    size_t index;
+    json_t *entry;
+    json_array_foreach(list, index, entry)
+    {
+        if (strcmp(json_string_value(json_object_get(entry, "effect")), name) == 0) {
+            return entry;
+        }
+    }
+    TEST_FAIL_MESSAGE(name);
+    return NULL;
+}
+
+/* Every effect with the line that calls for it and what it costs, or why it is left out; no picture is made. */
+static void a_rendering_is_explained(void)
+{
+    char *scene = path_join(folder, "scene.yaml");
+    stations_write_scene(scene, material);
+    json_t *list = parse(RUN("render", scene, "--explain", "--json"));
+    json_t *finer = parse(RUN("render", scene, "--explain", "--json", "--samples", "48"));
+    TEST_ASSERT_EQUAL_UINT64(13, json_array_size(list));
+    const json_t *gather = explained(list, "subsurface scattering");
+    TEST_ASSERT_TRUE(json_is_true(json_object_get(gather, "simulated")));
+    TEST_ASSERT_EQUAL_STRING(scene, json_string_value(json_object_get(gather, "file")));
+    TEST_ASSERT_TRUE(number(gather, NULL, "line") > 1);
+    /* Four times the samples take longer, but not more than as many times. */
+    double cost = number(gather, NULL, "seconds");
+    double more = number(explained(finer, "subsurface scattering"), NULL, "seconds");
+    TEST_ASSERT_TRUE(cost > 0 && more > 1.2 * cost && more < 4.01 * cost);
+    const json_t *sky = explained(list, "environment");
+    TEST_ASSERT_FALSE(json_is_true(json_object_get(sky, "simulated")));
+    TEST_ASSERT_EQUAL_DOUBLE(0, number(sky, NULL, "seconds"));
+    TEST_ASSERT_EQUAL_STRING("no environment", json_string_value(json_object_get(sky, "reason")));
+    char *text = RUN("render", scene, "--explain");
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "simulated subsurface scattering"), text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "left out  environment"), text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "scene.yaml:"), text);
+    free(text);
+    json_decref(list);
+    json_decref(finer);
+    free(scene);
+}
+
 /* Nothing of the page is fetched from elsewhere. */
 static void the_report_is_one_self_contained_page(void)
 {
@@ -320,6 +364,7 @@ int main(int argc, char **argv)
     RUN_TEST(the_same_seed_gives_the_same_factors);
     RUN_TEST(with_a_source_date_two_runs_give_the_same_file);
     RUN_TEST(a_rendering_shows_the_material);
+    RUN_TEST(a_rendering_is_explained);
     RUN_TEST(a_rendering_holds_an_error);
     RUN_TEST(a_rendering_that_cannot_be_in_time_is_told);
     RUN_TEST(the_report_is_one_self_contained_page);

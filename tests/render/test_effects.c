@@ -395,6 +395,28 @@ static void the_list_names_lines_and_reasons(void)
     free(effects);
 }
 
+/* What --explain counts is what is done: seconds over the cost of one are rays, to the half. Half of all samples are taken
+ * to face each light, and a sky to be seen by all; the ball's neighbours hide some. */
+static void costs_follow_the_work(void)
+{
+    struct effect *effects = NULL;
+    struct light_work work = {0};
+    size_t count = 0;
+    bake(FULL);
+    for (size_t i = 0; i < scene.object_count; i++) {
+        light_work_add(&work, &report.objects[i].counts.work);
+    }
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, render_effects_list(&stage, &effects, &count, &error));
+    double shadows = find(effects, count, "shadows")->seconds / 2.2e-7;
+    double bounces = find(effects, count, "interreflection")->seconds / 2.2e-7;
+    double sky = find(effects, count, "environment")->seconds / 5e-8;
+    free(effects);
+    TEST_ASSERT_DOUBLE_WITHIN(0.5 * (double)work.shadow_rays, (double)work.shadow_rays, shadows);
+    TEST_ASSERT_DOUBLE_WITHIN(0.5 * (double)work.bounce_rays, (double)work.bounce_rays, bounces);
+    TEST_ASSERT_DOUBLE_WITHIN(0.5 * (double)work.lookups[LOOKUP_SKY],
+                              (double)work.lookups[LOOKUP_SKY], sky);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -406,6 +428,7 @@ int main(void)
     RUN_TEST(grey_light_takes_a_third_of_the_work);
     RUN_TEST(a_coloured_neighbour_calls_for_colours);
     RUN_TEST(what_is_called_for_matters_and_nothing_else_works);
+    RUN_TEST(costs_follow_the_work);
     RUN_TEST(the_list_names_lines_and_reasons);
     return UNITY_END();
 }
