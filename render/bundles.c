@@ -63,8 +63,8 @@ struct bundle_box bundles_box(const float *positions, size_t stride, const uint3
     for (size_t i = 0; i < count; i++) {
         for (int k = 0; k < 3; k++) {
             float value = positions[(order ? order[i] : i) * stride + (size_t)k];
-            box.low[k] = fminf(box.low[k], value);
-            box.high[k] = fmaxf(box.high[k], value);
+            box.low[k] = value < box.low[k] ? value : box.low[k];
+            box.high[k] = value > box.high[k] ? value : box.high[k];
         }
     }
     return box;

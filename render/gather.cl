@@ -50,9 +50,9 @@ struct bundle {
 };
 
 struct source {
-    float px, py, pz, x, y, red, green, blue, nx, ny, nz, variance;
+    float px, py, pz, x, y, red, green, blue, nx, ny, nz, middle[3], variance;
     int chart;
-    uint texel, unused[2];
+    uint texel;
 };
 
 /* A ring of kernels: within which distances (mm) it has light; the side of the tables; squares are of 2^level points.
@@ -121,9 +121,10 @@ INLINE float16 rise(float16 r, float from, float steepness)
     return t * t * t * fma(t, fma((float16)6, t, (float16)-15), (float16)10);
 }
 
-INLINE float16 window(const struct offsets *o, const struct ring *ring)
+INLINE float16 window(const struct bundle *to, __global const struct source *from, const struct ring *ring)
 {
-    float16 r = sqrt(o->square) * (1 / POINT_MM);
+    float16 x = to->px - from->middle[0], y = to->py - from->middle[1], z = to->pz - from->middle[2];
+    float16 r = sqrt(fma(x, x, fma(y, y, z * z))) * (1 / POINT_MM);
     return rise(r, ring->rise_from, ring->rise_steepness) - rise(r, ring->fall_from, ring->fall_steepness);
 }
 
@@ -231,7 +232,7 @@ INLINE void add_near(const struct bundle *to, size_t index, const struct runs *r
             }
             float4 flux = (float4)(from->red, from->green, from->blue, 0);
             bool windowed = ring->rise_from > 0 || ring->fall_from < INFINITY;
-            float16 share = windowed ? window(&o, ring) : (float16)1;
+            float16 share = windowed ? window(to, from, ring) : (float16)1;
             for (int j = 0; j < LANES; j++) {
                 if (LANE(o.inside, int, j)) {
                     struct sight at = {from->texel, LANE(to->column, int, j), LANE(o.place, int, j), ring->side,

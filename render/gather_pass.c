@@ -7,6 +7,8 @@
 
 enum { LANES = REACH_LANES, FIELDS = 16 };
 
+static const double away = SOURCES_WIDEST;
+
 /* As gather.cl reads them. */
 struct device_bundle {
     float fields[FIELDS][LANES];
@@ -139,8 +141,9 @@ static void set_near(const struct run *run, struct device_arguments *arguments,
                      struct reach *reach)
 {
     double point = run->stock->gather->mapping->point_mm, inner = LEVELS_RISE * ring.begin;
+    double outer = ring.end + away; /* a sample is that far from the middle by which it is told */
     struct device_ring out = {.inner_square = (float)(inner * inner * point * point),
-                              .outer_square = (float)(ring.end * ring.end * point * point),
+                              .outer_square = (float)(outer * outer * point * point),
                               .side = run->levels->near_side,
                               .rise_from = -1, /* has risen */
                               .rise_steepness = 1,
@@ -154,7 +157,7 @@ static void set_near(const struct run *run, struct device_arguments *arguments,
         out.fall_from = (float)(LEVELS_RISE * ring.end);
         out.fall_steepness = (float)(1 / ((1 - LEVELS_RISE) * ring.end));
     }
-    set_runs(run, arguments, stage, sources, inner, ring.end, reach);
+    set_runs(run, arguments, stage, sources, inner, outer, reach);
     device_set(arguments, &out, sizeof out);
 }
 

@@ -11,7 +11,7 @@
 
 /* Light of one place in the texture is parted where it is farther spread in space than this many sides of the square, or
  * where its normals' mean is shorter than this. */
-static const double widest = 1.2, straightest = 0.85;
+static const double widest = SOURCES_WIDEST, straightest = 0.85;
 
 /* What is added up of one group. */
 struct heap {
@@ -164,16 +164,15 @@ static struct source source_of(const struct heap *heap, double point_mm)
         length += heap->normal[k] * heap->normal[k];
     }
     for (int k = 0; k < 3; k++) {
-        source.position[k] = (float)heap->position[k];
+        source.position[k] = source.middle[k] = (float)heap->position[k];
         source.normal[k] = (float)(heap->normal[k] / (length > 0 ? sqrt(length) : 1));
         source.flux[k] = (float)heap->flux[k];
     }
     return source;
 }
 
-/* Sum up a set by squares of `size` points. */
-static int merge_set(const struct source_set *from, double size, double point_mm,
-                     struct source_set *to)
+/* Sum up a set by squares of `size` points, and tell it their middles. */
+static int merge_set(struct source_set *from, double size, double point_mm, struct source_set *to)
 {
     struct merge merge = {.from = from,
                           .size = size,
@@ -187,6 +186,10 @@ static int merge_set(const struct source_set *from, double size, double point_mm
     }
     for (size_t i = 0; status == 0 && i < to->count; i++) {
         to->list[i] = source_of(&merge.heaps[i], point_mm);
+    }
+    for (size_t i = 0; status == 0 && i < from->count; i++) {
+        memcpy(from->list[i].middle, to->list[merge.numbers[i]].position,
+               sizeof from->list[i].middle);
     }
     groups_end(&merge.groups);
     free(merge.numbers);
@@ -533,7 +536,7 @@ static int fill_pyramid(struct sources *sources, const struct appearance *appear
     return 0;
 }
 
-int sources_extend(struct sources *sources, const struct source_set *samples,
+int sources_extend(struct sources *sources, struct source_set *samples,
                    const struct appearance *appearance, const struct levels *levels,
                    double point_mm, struct nacre_error *error)
 {

@@ -13,13 +13,17 @@
 #include <stddef.h>
 #include <stdint.h>
 
+/* Light that is farther spread in space than this many sides of its square is parted. */
+#define SOURCES_WIDEST 1.2
+
 /* Read by gather.cl, too. */
 struct source {
     float position[3], x, y, flux[3], normal[3];
+    /* By which rings are told apart: for samples that of the light of their surface point, if that is summed up. */
+    float middle[3];
     float variance; /* of the place along the surface, along each axis, points^2 */
     int32_t chart;
     uint32_t texel;
-    uint32_t unused[2];
 };
 
 struct source_set {
@@ -40,8 +44,9 @@ int sources_take(struct source_set *set, const struct light_samples *samples,
                  struct nacre_error *error);
 void source_set_finish(struct source_set *set);
 
-/* Sum them up as far as the levels ask for it, which is more than there is already; `sources` begins as zeros. */
-int sources_extend(struct sources *sources, const struct source_set *samples,
+/* Sum them up as far as the levels ask for it, which is more than there is already; `sources` begins as zeros. Samples
+ * are told their middles. */
+int sources_extend(struct sources *sources, struct source_set *samples,
                    const struct appearance *appearance, const struct levels *levels,
                    double point_mm, struct nacre_error *error);
 void sources_finish(struct sources *sources);
