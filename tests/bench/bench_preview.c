@@ -2,9 +2,12 @@
 #include "timing.h"
 
 #include "render/render.h"
+#include "tests/nacre/scratch.h"
+#include "tests/render/stand.h"
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <unity.h>
 
 enum { FRAMES = 24 };
 
@@ -54,18 +57,28 @@ static void run(const char *path, const char *material, const struct opencl *ope
     scene_finish(&scene);
 }
 
+void setUp(void)
+{
+}
+
+void tearDown(void)
+{
+}
+
 int main(int argc, char **argv)
 {
     struct opencl opencl = {0};
-    if (argc < 3) {
-        fail("usage: bench_preview MATERIAL SCENE...");
-    }
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
+    struct nacre_material material = stand_even_material(12, 5, 1.2, 0.6);
+    scratch_make();
+    if (nacre_material_write(scratch_path("material.exr"), &material, &error) != NACRE_OK ||
+        opencl_open(NULL, &opencl, &error) != NACRE_OK) {
         fail(error.text);
     }
-    for (int i = 2; i < argc; i++) {
-        run(argv[i], argv[1], &opencl);
+    for (int i = 1; i < argc; i++) {
+        run(argv[i], scratch_path("material.exr"), &opencl);
     }
     opencl_close(&opencl);
+    nacre_material_finish(&material);
+    scratch_remove();
     return EXIT_SUCCESS;
 }
