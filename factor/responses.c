@@ -41,9 +41,10 @@ static size_t values_bytes(const struct responses *r)
     return r->size * (r->half ? sizeof(uint16_t) : sizeof(float));
 }
 
+/* Of zeroed responses 0. */
 static size_t mask_bytes(const struct responses *r)
 {
-    return r->size / (size_t)r->lanes * sizeof(uint16_t);
+    return r->lanes > 0 ? r->size / (size_t)r->lanes * sizeof(uint16_t) : 0;
 }
 
 size_t responses_bytes(const struct nacre_scan_info *info, int lanes, bool half)
