@@ -36,7 +36,7 @@ float made_response(int channel, int xi, int yi, int xo, int yo)
            expf(-distance / length[channel]);
 }
 
-void made_scan_write(const char *path)
+void made_gained_scan_write(const char *path, double slope)
 {
     struct nacre_error error = {""};
     struct nacre_scan_writer *writer = NULL;
@@ -54,8 +54,9 @@ void made_scan_write(const char *path)
             for (int c = 0; c < 3; c++) {
                 for (int v = 0; v < MADE_WINDOW; v++) {
                     for (int u = 0; u < MADE_WINDOW; u++) {
-                        response[c][v][u] = made_response(c, x, y, x + u - MADE_WINDOW / 2,
-                                                          y + v - MADE_WINDOW / 2);
+                        int xo = x + u - MADE_WINDOW / 2, yo = y + v - MADE_WINDOW / 2;
+                        response[c][v][u] = (float)exp(slope * (x - xo) / MADE_WIDTH) *
+                                            made_response(c, x, y, xo, yo);
                     }
                 }
             }
@@ -63,6 +64,11 @@ void made_scan_write(const char *path)
         }
     }
     demand(nacre_scan_commit(writer, &error), &error);
+}
+
+void made_scan_write(const char *path)
+{
+    made_gained_scan_write(path, 0);
 }
 
 void made_patch(const char *source, const char *path, const void *from, const void *to, size_t size)

@@ -13,6 +13,9 @@ float made_response(int channel, int xi, int yi, int xo, int yo);
 /* Write it as a scan of MADE_WIDTH x MADE_HEIGHT points and a MADE_WINDOW window. */
 void made_scan_write(const char *path);
 
+/* The same with gains left in it: times exp(slope (xi - xo) / MADE_WIDTH). */
+void made_gained_scan_write(const char *path, double slope);
+
 /* Copy `source` with the first `size` bytes equal to `from` replaced by as many of `to`. */
 void made_patch(const char *source, const char *path, const void *from, const void *to,
                 size_t size);
