@@ -51,20 +51,20 @@ static void make(const struct sample *s, const struct opencl *opencl, struct mad
     const struct factor_options options = factor_options_default();
     const struct terms_options how = {.bits = 8};
     struct field field = field_new(s->kind, s->width, s->height, s->window, s->channels, CASE_SEED);
-    struct features features = {0};
+    struct factor_prepared prepared = {0};
     struct nacre_error error = {0};
     *made = (struct made){.responses = field_load(&field, layout_lanes(opencl), true)};
     field_finish(&field);
     if (terms_data_begin(&made->data, &made->responses, &how, options.epsilon, &error) !=
             NACRE_OK ||
-        features_new(&made->responses, &features, &error) != NACRE_OK ||
-        attempt_begin(&made->attempt, &made->responses, &features, &made->data, &options, s->terms,
+        features_new(&made->responses, &prepared.features, &error) != NACRE_OK ||
+        attempt_begin(&made->attempt, &made->responses, &prepared, &made->data, &options, s->terms,
                       1, &error) != NACRE_OK ||
         terms_new(opencl, &made->attempt.problem, &made->method, &error) != NACRE_OK ||
         !made->method) {
         fail(error.text);
     }
-    features_finish(&features);
+    factor_prepared_finish(&prepared);
 }
 
 static void finish(struct made *made)
