@@ -10,6 +10,9 @@
 #ifndef MIXED
 #define MIXED 1 /* kernels mixed at a surface point */
 #endif
+#ifndef ONE_KERNEL
+#define ONE_KERNEL 0 /* 1: all surface points have the same */
+#endif
 #ifndef CLUSTERS
 #define CLUSTERS 0 /* kernels from one id to the next, for pairs of clusters */
 #endif
@@ -187,7 +190,8 @@ INLINE float4 response(const struct sight *at, __global const float16 *factors, 
         sum = fma(f[k], h[k], sum);
     }
     for (int a = 0; a < MIXED; a++) {
-        size_t id = ids[(size_t)at->texel * MIXED + a] * (CLUSTERS ? CLUSTERS : 1) + at->column;
+        size_t id =
+            ONE_KERNEL ? 0 : ids[(size_t)at->texel * MIXED + a] * (CLUSTERS ? CLUSTERS : 1) + at->column;
         size_t entry = id * (at->side * at->side) + at->place;
         float4 part = between4(kernels + entry, 1, at->side, at->fx, at->fy);
         if (bends && at->variance > 0) {
