@@ -10,7 +10,55 @@ const char *const pattern_kind_names[] = {"black", "white", "dots", "grid", NULL
 static const char *const orders[] = {"random", "sequential", NULL};
 
 /* Many patterns are a mistake long before they are 10^6, where frame names would grow. */
-enum { SPACING_MAXIMUM = 512, EXPOSURES_MAXIMUM = 64 };
+enum { SPACING_MAXIMUM = 512, EXPOSURES_MAXIMUM = 64, REGION_MAXIMUM = 65535 };
+
+static const struct settings_field region_fields[] = {
+    {.key = "x",
+     .kind = SETTINGS_INT,
+     .offset = offsetof(struct plan_region, x),
+     .maximum = REGION_MAXIMUM,
+     .required = true,
+     .sentence = "left border, surface points"},
+    {.key = "y",
+     .kind = SETTINGS_INT,
+     .offset = offsetof(struct plan_region, y),
+     .maximum = REGION_MAXIMUM,
+     .required = true,
+     .sentence = "upper border, surface points"},
+    {.key = "width",
+     .kind = SETTINGS_INT,
+     .offset = offsetof(struct plan_region, width),
+     .minimum = 1,
+     .maximum = REGION_MAXIMUM,
+     .required = true,
+     .sentence = "surface points"},
+    {.key = "height",
+     .kind = SETTINGS_INT,
+     .offset = offsetof(struct plan_region, height),
+     .minimum = 1,
+     .maximum = REGION_MAXIMUM,
+     .required = true,
+     .sentence = "surface points"},
+    {.key = "spacing",
+     .kind = SETTINGS_INT,
+     .offset = offsetof(struct plan_region, spacing),
+     .minimum = 1,
+     .maximum = SPACING_MAXIMUM,
+     .required = true,
+     .sentence = "surface points from a lit point here to the next of the same grid"},
+    {.key = "longest_turns",
+     .kind = SETTINGS_REAL,
+     .offset = offsetof(struct plan_region, longest_turns),
+     .maximum = 1e6,
+     .fallback = "0",
+     .sentence = "exposures up to this one are enough here; 0: all"},
+    {0}};
+
+static const struct settings_schema region_schema = {.what = "region",
+                                                     .size = sizeof(struct plan_region),
+                                                     .fields = region_fields,
+                                                     .line_offset =
+                                                         offsetof(struct plan_region, line)};
 
 static const struct settings_field fields[] = {
     {.key = "seed",
@@ -79,7 +127,7 @@ static const struct settings_field fields[] = {
      .minimum = 1,
      .maximum = SPACING_MAXIMUM,
      .required = true,
-     .sentence = "K of the K x K responses, odd, at most grid_spacing",
+     .sentence = "K of the K x K responses, odd; above a spacing only with a profile",
      .line_offset = offsetof(struct plan, window_line)},
     {.key = "exposure_turns",
      .kind = SETTINGS_NUMBERS,
@@ -90,6 +138,23 @@ static const struct settings_field fields[] = {
      .required = true,
      .sentence = "exposures in turns of the colour wheel, ascending",
      .line_offset = offsetof(struct plan, exposures_line)},
+    {.key = "regions",
+     .kind = SETTINGS_LIST,
+     .offset = offsetof(struct plan, regions),
+     .length_offset = offsetof(struct plan, region_count),
+     .schema = &region_schema,
+     .sentence = "rectangles with a spacing and a longest exposure of their own; the last that "
+                 "holds a point counts"},
+    {.key = "profile",
+     .kind = SETTINGS_NUMBERS,
+     .offset = offsetof(struct plan, profile),
+     .length_offset = offsetof(struct plan, profile_count),
+     .minimum = 1e-30,
+     .maximum = 1e30,
+     .sentence = "how responses fall with the distance, at 0, 1, 2 ... points, one colour after "
+                 "the other: by "
+                 "it light is shared out among windows that overlap",
+     .line_offset = offsetof(struct plan, profile_line)},
     {0}};
 
 const struct settings_schema plan_schema = {
@@ -118,12 +183,22 @@ static int check(const char *path, const struct plan *plan, struct nacre_error *
         return nacre_fail(error, "%s:%d: window: %d is even; use %d or %d", path, plan->window_line,
                           plan->window, plan->window - 1, plan->window + 1);
     }
-    if (plan->window > plan->grid_spacing) {
+    if (plan->window > plan->grid_spacing && plan->profile_count == 0) {
         return nacre_fail(
             error,
             "%s:%d: window: %d is wider than grid_spacing %d, so responses of one grid "
-            "would overlap; narrow it or widen grid_spacing",
+            "would overlap; narrow it or widen grid_spacing, or give a profile (nacre plan)",
             path, plan->window_line, plan->window, plan->grid_spacing);
+    }
+    for (size_t i = 0; i < plan->region_count; i++) {
+        const struct plan_region *region = &plan->regions[i];
+        if (plan->window > region->spacing && plan->profile_count == 0) {
+            return nacre_fail(error,
+                              "%s:%d: regions: the window %d is wider than the spacing %d, so "
+                              "responses of one grid would overlap; widen the spacing, or give a "
+                              "profile (nacre plan)",
+                              path, region->line, plan->window, region->spacing);
+        }
     }
     if (plan->dot_size >= plan->dot_spacing || plan->dot_shift > plan->dot_spacing) {
         return nacre_fail(
@@ -160,7 +235,32 @@ int plan_parse(const char *name, const char *text, size_t size, struct plan *pla
 
 void plan_finish(struct plan *plan)
 {
+    plan_grids_free(plan->grids);
     settings_finish(&plan_schema, plan);
+}
+
+int plan_lay(struct plan *plan, const char *name, int width, int height, int channels,
+             struct nacre_error *error)
+{
+    for (size_t i = 0; i < plan->region_count; i++) {
+        const struct plan_region *region = &plan->regions[i];
+        if (region->x + region->width > width || region->y + region->height > height) {
+            return nacre_fail(error,
+                              "%s:%d: regions: %d x %d points at %d, %d reach out of the sample "
+                              "of %d x %d",
+                              name, region->line, region->width, region->height, region->x,
+                              region->y, width, height);
+        }
+    }
+    if (plan->profile_count && (plan->profile_count % (size_t)channels != 0 ||
+                                plan->profile_count < 2 * (size_t)channels)) {
+        return nacre_fail(error,
+                          "%s:%d: profile: %zu numbers; give as many for each of %d colours, two "
+                          "or more",
+                          name, plan->profile_line, plan->profile_count, channels);
+    }
+    plan_grids_free(plan->grids);
+    return plan_grids_new(plan, width, height, &plan->grids, error);
 }
 
 bool pattern_kind_wants_white_layer(enum pattern_kind kind)
@@ -183,7 +283,7 @@ int plan_pattern_count(const struct plan *plan, enum pattern_kind kind)
     case PATTERN_DOTS:
         return dot_steps(plan) * dot_steps(plan);
     case PATTERN_GRID:
-        return plan->grid_spacing * plan->grid_spacing;
+        return plan->grids ? plan->grids->count : plan->grid_spacing * plan->grid_spacing;
     case PATTERN_KINDS:
         break;
     }
@@ -195,6 +295,12 @@ int plan_shown_count(const struct plan *plan, enum pattern_kind kind)
     int all = plan_pattern_count(plan, kind);
     bool some = kind == PATTERN_GRID && plan->grid_patterns > 0 && plan->grid_patterns < all;
     return some ? plan->grid_patterns : all;
+}
+
+size_t plan_pattern_exposures(const struct plan *plan, struct pattern pattern)
+{
+    return pattern.kind == PATTERN_GRID && plan->grids ? plan->grids->exposures[pattern.number]
+                                                       : plan->exposure_count;
 }
 
 /* SplitMix64 (Steele, Lea and Flood 2014): the same numbers on every machine. */
@@ -283,13 +389,28 @@ static void draw_squares(int x0, int y0, int spacing, int side, int width, int h
     }
 }
 
+/* A grid of regions; the sample lies in the projector's upper left. */
+static void draw_points(const struct plan_grids *grids, int grid, int width, int height,
+                        uint8_t *levels)
+{
+    for (uint32_t i = grids->starts[grid]; i < grids->starts[grid + 1]; i++) {
+        int x = (int)grids->points[i] % grids->width;
+        int y = (int)grids->points[i] / grids->width;
+        if (x < width && y < height) {
+            levels[(size_t)y * (size_t)width + (size_t)x] = 255;
+        }
+    }
+}
+
 void plan_draw(const struct plan *plan, struct pattern pattern, int width, int height,
                uint8_t *levels)
 {
     int x0, y0;
     plan_pattern_offset(plan, pattern, &x0, &y0);
     memset(levels, pattern.kind == PATTERN_WHITE ? 255 : 0, (size_t)width * (size_t)height);
-    if (pattern.kind == PATTERN_GRID) {
+    if (pattern.kind == PATTERN_GRID && plan->region_count) {
+        draw_points(plan->grids, pattern.number, width, height, levels);
+    } else if (pattern.kind == PATTERN_GRID) {
         draw_squares(x0, y0, plan->grid_spacing, 1, width, height, levels);
     } else if (pattern.kind == PATTERN_DOTS) {
         draw_squares(x0, y0, plan->dot_spacing, plan->dot_size, width, height, levels);

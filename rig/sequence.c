@@ -58,7 +58,7 @@ static int check_devices(const struct devices *devices, const struct session *se
     return NACRE_OK;
 }
 
-/* Frames with room for every exposure of the plan. */
+/* Frames with room for every exposure of the pattern. */
 static int make_frames(const struct run *run, struct pattern pattern, struct pattern_frames *frames,
                        struct nacre_error *error)
 {
@@ -70,11 +70,12 @@ static int make_frames(const struct run *run, struct pattern pattern, struct pat
                                       .bits = camera->bits,
                                       .bayer = camera->bayer,
                                       .seed = session->plan.seed};
-    frames->exposures = calloc(session->plan.exposure_count, sizeof *frames->exposures);
+    size_t count = plan_pattern_exposures(&session->plan, pattern);
+    frames->exposures = calloc(count, sizeof *frames->exposures);
     if (!frames->exposures) {
         return nacre_fail_memory(error, "raw frames");
     }
-    frames->count = session->plan.exposure_count;
+    frames->count = count;
     for (size_t i = 0; i < frames->count; i++) {
         frames->exposures[i].exposure_ns = session_exposure_ns(session, i);
         frames->exposures[i].raw =

@@ -20,14 +20,17 @@ int sequence_estimate(const struct station *station, const struct plan *plan,
     int status = plan_order(plan, &patterns, &count, error);
     *needs = (struct sequence_needs){0};
     for (size_t i = 0; i < count; i++) {
-        needs->patterns += !session || !session_has(session, patterns[i]);
-    }
-    for (size_t i = 0; i < plan->exposure_count; i++) {
-        turns += plan->exposure_turns[i];
+        if (!session || !session_has(session, patterns[i])) {
+            size_t exposures = plan_pattern_exposures(plan, patterns[i]);
+            needs->patterns++;
+            needs->exposures += exposures;
+            for (size_t e = 0; e < exposures; e++) {
+                turns += plan->exposure_turns[e];
+            }
+        }
     }
     uint64_t frame_bytes = (uint64_t)station->camera.width * (uint64_t)station->camera.height * 4;
-    needs->exposures = needs->patterns * plan->exposure_count;
-    needs->seconds = (double)needs->patterns * turns / station->projector.wheel_hz;
+    needs->seconds = turns / station->projector.wheel_hz;
     needs->bytes = needs->exposures * (frame_bytes + PART_HEADER_BYTES);
     free(patterns);
     return status;

@@ -154,9 +154,10 @@ static int check_file(const struct session *session, struct pattern pattern,
                           "file and resume the scan",
                           seed->integer, session->plan.seed);
     }
-    if (file->part_count != session->plan.exposure_count) {
+    size_t exposures = plan_pattern_exposures(&session->plan, pattern);
+    if (file->part_count != exposures) {
         return nacre_fail(error, "has %zu exposures where the plan has %zu", file->part_count,
-                          session->plan.exposure_count);
+                          exposures);
     }
     return NACRE_OK;
 }

@@ -89,6 +89,9 @@ static void fill_report(const struct development *development)
     report->dots_frames = calibration->dots_frames;
     report->black_level = calibration->black_median;
     report->frame_noise = calibration->noise_median;
+    for (int c = 0; c < info->channels; c++) {
+        report->white[c] = calibration->flat.levels[c] / calibration->flat.reflectance[c];
+    }
     report->pixels_per_point =
         pixels_per_point(&calibration->map, info->width / 2.0, info->height / 2.0);
     report->linearity = calibration->linearity;

@@ -47,6 +47,7 @@ struct develop_report {
     double saturated_share; /* of the grid frames' pixels, at every exposure */
     double black_level;     /* median, raw units a second */
     double frame_noise;     /* median deviation of one merged black frame, raw units a second */
+    double white[3];        /* by channel, of what reflects all light: raw units a second */
     double noise;           /* deviation of an entry of a response without light: of R_d */
     double centre;          /* mean entry of the lit points themselves */
     double rim_share;       /* of a response's energy, on the rim of its window */

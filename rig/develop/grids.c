@@ -2,6 +2,7 @@
 #include "rig/develop/development.h"
 #include "rig/develop/extract.h"
 #include "rig/develop/falloff.h"
+#include "rig/develop/share.h"
 #include "rig/develop/wheel.h"
 #include "rig/develop/work.h"
 
@@ -22,7 +23,8 @@ static const double doubt_limit = 0.05;
 struct grids {
     const struct development *development;
     struct work *work;
-    float *responses; /* of one grid */
+    float *responses;    /* of one grid */
+    struct share *share; /* NULL: windows do not overlap */
     struct extract_sums sums;
     bool separate;              /* gather what tells the fall-off */
     struct falloff_pairs pairs; /* where `separate` */
@@ -91,11 +93,17 @@ static int cut_grid(struct grids *grids, const struct merged *merged, const floa
                                          (uint64_t)merged->frames->height};
     note_file(session, merged->pattern, note);
     note_pulses(session, merged->frames, note);
+    if (grids->share) {
+        share_begin(grids->share, grid, reflected);
+    }
     for (size_t i = 0; i < work_count(grids->work, grid); i++) {
         int x;
         int y;
         work_place(grids->work, grid, i, &x, &y);
         extract_window(info, reflected, x, y, grids->responses + i * size);
+        if (grids->share) {
+            share_apply(grids->share, i, grids->responses + i * size);
+        }
     }
     return work_write(grids->work, grid, note, grids->responses, error);
 }
@@ -262,6 +270,12 @@ static uint64_t key_of(const struct development *development)
     key = work_key(key, numbers, sizeof numbers);
     key = work_key(key, map->plane.m, sizeof map->plane.m);
     key = work_key(key, plan->exposure_turns, plan->exposure_count * sizeof(double));
+    for (size_t i = 0; i < plan->region_count; i++) {
+        const struct plan_region *region = &plan->regions[i];
+        const int place[] = {region->x, region->y, region->width, region->height, region->spacing};
+        key = work_key(key, place, sizeof place);
+    }
+    key = work_key(key, plan->profile, plan->profile_count * sizeof(double));
     key = work_key(key, flat->white, pixels * sizeof *flat->white);
     key = work_key(key, calibration->black.mean, pixels * sizeof(float));
     return work_key(key, calibration->black.limit, pixels * sizeof(float));
@@ -309,6 +323,9 @@ static int make_ready(struct grids *grids, const struct develop_options *options
     }
     if (status == NACRE_OK && grids->separate) {
         status = falloff_pairs_init(&grids->pairs, info->width, info->height, error);
+    }
+    if (status == NACRE_OK) {
+        status = share_new(info, plan, &grids->share, error);
     }
     if (status != NACRE_OK) {
         return status;
@@ -370,6 +387,7 @@ out:
     if (work_close(grids.work, keep && status != NACRE_OK)) {
         tell_of_work(status, output, error);
     }
+    share_free(grids.share);
     falloff_finish(&grids.falloff);
     falloff_pairs_finish(&grids.pairs);
     free(grids.responses);

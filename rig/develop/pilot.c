@@ -5,6 +5,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 #include <unistd.h>
 
 /* A ring's mean over all responses counts as measured while it is so many of its standard errors. */
@@ -17,15 +18,26 @@ int pilot_init(struct pilot *pilot, const struct nacre_scan_info *info, double n
                             .channels = info->channels,
                             .capacity = 64,
                             .noise = noise > 0 ? noise : 0};
-    pilot->energy = malloc(pilot->capacity * (size_t)pilot->channels * (size_t)pilot->rings *
-                           sizeof *pilot->energy);
-    return pilot->energy ? NACRE_OK : nacre_fail_memory(error, "the pilot's responses");
+    size_t channels = (size_t)pilot->channels;
+    /* The corner is nearer than this. */
+    pilot->radii = (int)(1.5 * pilot->rings) + 1;
+    pilot->energy =
+        malloc(pilot->capacity * channels * (size_t)pilot->rings * sizeof *pilot->energy);
+    pilot->places = malloc(pilot->capacity * sizeof *pilot->places);
+    pilot->fall = calloc(channels * (size_t)pilot->radii, sizeof *pilot->fall);
+    pilot->fall_count = calloc(channels * (size_t)pilot->radii, sizeof *pilot->fall_count);
+    return pilot->energy && pilot->places && pilot->fall && pilot->fall_count
+               ? NACRE_OK
+               : nacre_fail_memory(error, "the pilot's responses");
 }
 
 void pilot_finish(struct pilot *pilot)
 {
     if (pilot) {
         free(pilot->energy);
+        free(pilot->places);
+        free(pilot->fall);
+        free(pilot->fall_count);
         *pilot = (struct pilot){0};
     }
 }
@@ -63,6 +75,56 @@ static bool sum_rings(const struct nacre_scan_info *info, int x, int y, const fl
     return true;
 }
 
+static int make_room(struct pilot *pilot, struct nacre_error *error)
+{
+    size_t capacity = 2 * pilot->capacity;
+    size_t size = (size_t)pilot->channels * (size_t)pilot->rings;
+    if (pilot->responses < pilot->capacity) {
+        return NACRE_OK;
+    }
+    double *energy = realloc(pilot->energy, capacity * size * sizeof *energy);
+    if (!energy) {
+        return nacre_fail_memory(error, "the pilot's responses");
+    }
+    pilot->energy = energy;
+    struct pilot_place *places = realloc(pilot->places, capacity * sizeof *places);
+    if (!places) {
+        return nacre_fail_memory(error, "the pilot's responses");
+    }
+    pilot->places = places;
+    pilot->capacity = capacity;
+    return NACRE_OK;
+}
+
+/* A channel's entries by their distance; and their squares off the centre, of which noise is taken off. What of a ring lies
+ * outside the sample is taken to be as the rest of it. */
+static double add_entries(struct pilot *pilot, const struct nacre_scan_info *info, int x, int y,
+                          int channel, const float *response)
+{
+    int half = info->window / 2;
+    double squares[512] = {0};
+    size_t used[512] = {0};
+    double power = 0;
+    for (int v = -half; v <= half; v++) {
+        for (int u = -half; u <= half; u++, response++) {
+            bool inside = x + u >= 0 && y + v >= 0 && x + u < info->width && y + v < info->height;
+            if (inside && !isnan(*response)) {
+                double value = (double)*response;
+                int ring = abs(u) > abs(v) ? abs(u) : abs(v);
+                size_t at = (size_t)channel * (size_t)pilot->radii + (size_t)lround(hypot(u, v));
+                pilot->fall[at] += value;
+                pilot->fall_count[at]++;
+                squares[ring] += value * value - pilot->noise * pilot->noise;
+                used[ring]++;
+            }
+        }
+    }
+    for (int ring = 1; ring <= half; ring++) {
+        power += squares[ring] * entries_of(ring) / (double)used[ring];
+    }
+    return power;
+}
+
 int pilot_add(struct pilot *pilot, const struct nacre_scan_info *info, int x, int y,
               const float *response, struct nacre_error *error)
 {
@@ -70,21 +132,30 @@ int pilot_add(struct pilot *pilot, const struct nacre_scan_info *info, int x, in
     size_t size = (size_t)pilot->channels * rings;
     size_t plane = (size_t)info->window * (size_t)info->window;
     bool whole = true;
-    if (pilot->responses == pilot->capacity) {
-        double *more = realloc(pilot->energy, 2 * pilot->capacity * size * sizeof *more);
-        if (!more) {
-            return nacre_fail_memory(error, "the pilot's responses");
-        }
-        pilot->energy = more;
-        pilot->capacity *= 2;
+    int status = make_room(pilot, error);
+    if (status != NACRE_OK) {
+        return status;
     }
     for (int c = 0; c < pilot->channels; c++) {
         whole = sum_rings(info, x, y, response + (size_t)c * plane,
                           pilot->energy + pilot->responses * size + (size_t)c * rings) &&
                 whole;
     }
-    pilot->responses += whole ? 1 : 0;
+    if (whole) {
+        struct pilot_place place = {x, y, 0};
+        for (int c = 0; c < pilot->channels; c++) {
+            place.power += add_entries(pilot, info, x, y, c, response + (size_t)c * plane);
+        }
+        pilot->places[pilot->responses++] = place;
+    }
     return NACRE_OK;
+}
+
+double pilot_energy(const struct pilot *pilot, size_t index, int channel, int ring)
+{
+    return pilot
+        ->energy[(index * (size_t)pilot->channels + (size_t)channel) * (size_t)pilot->rings +
+                 (size_t)ring];
 }
 
 /* The mean over the responses of a channel's ring. */
@@ -92,22 +163,14 @@ static double mean_ring(const struct pilot *pilot, int channel, int ring)
 {
     double sum = 0;
     for (size_t i = 0; i < pilot->responses; i++) {
-        sum +=
-            pilot->energy[(i * (size_t)pilot->channels + (size_t)channel) * (size_t)pilot->rings +
-                          (size_t)ring];
+        sum += pilot_energy(pilot, i, channel, ring);
     }
     return sum / (double)pilot->responses;
 }
 
-/* A channel's tail: the last ring that is surely light, and the share of the light up to it that lies beyond. */
-struct tail {
-    int last;
-    double rate; /* of the fall from ring to ring */
-};
-
-static struct tail find_tail(const struct pilot *pilot, int channel)
+struct pilot_tail pilot_tail(const struct pilot *pilot, int channel)
 {
-    struct tail tail = {0, 0};
+    struct pilot_tail tail = {0, 0};
     while (tail.last + 1 < pilot->rings) {
         int ring = tail.last + 1;
         double error = pilot->noise * sqrt(entries_of(ring) / (double)pilot->responses);
@@ -126,7 +189,7 @@ static struct tail find_tail(const struct pilot *pilot, int channel)
 }
 
 /* Share of one response's energy beyond ring `half`. */
-static double leak_of(const double *energy, struct tail tail, int half)
+static double leak_of(const double *energy, struct pilot_tail tail, int half)
 {
     double within = 0;
     double beyond = 0;
@@ -145,20 +208,68 @@ static double leak_of(const double *energy, struct tail tail, int half)
     return within > 0 ? fmax(beyond, 0) / (within + fmax(beyond, 0)) : 1;
 }
 
+double pilot_response_leak(const struct pilot *pilot, struct pilot_tail tail, size_t index,
+                           int channel, int half)
+{
+    return leak_of(pilot->energy +
+                       (index * (size_t)pilot->channels + (size_t)channel) * (size_t)pilot->rings,
+                   tail, half);
+}
+
 struct pilot_leak pilot_leak(const struct pilot *pilot, int half)
 {
     struct pilot_leak leak = {0, 0};
     for (int c = 0; c < pilot->channels; c++) {
-        struct tail tail = find_tail(pilot, c);
+        struct pilot_tail tail = pilot_tail(pilot, c);
         for (size_t i = 0; i < pilot->responses; i++) {
-            const double *energy =
-                pilot->energy + (i * (size_t)pilot->channels + (size_t)c) * (size_t)pilot->rings;
-            double own = leak_of(energy, tail, half);
+            double own = pilot_response_leak(pilot, tail, i, c, half);
             leak.mean += own / ((double)pilot->responses * pilot->channels);
             leak.worst = fmax(leak.worst, own);
         }
     }
     return leak;
+}
+
+/* The radii at which a channel is surely light. */
+static int certain_radii(const struct pilot *pilot, const double *fall, const size_t *count)
+{
+    int radii = 0;
+    while (radii < pilot->radii && count[radii] &&
+           fall[radii] > certain * pilot->noise * sqrt((double)count[radii])) {
+        radii++;
+    }
+    return radii;
+}
+
+int pilot_profile(const struct pilot *pilot, double **profile, size_t *count,
+                  struct nacre_error *error)
+{
+    size_t radii = (size_t)pilot->radii;
+    *count = (size_t)pilot->channels * radii;
+    *profile = malloc(*count * sizeof **profile);
+    if (!*profile) {
+        return nacre_fail_memory(error, "the pilot's profile");
+    }
+    for (int c = 0; c < pilot->channels; c++) {
+        double *own = *profile + (size_t)c * radii;
+        const double *fall = pilot->fall + (size_t)c * radii;
+        const size_t *entries = pilot->fall_count + (size_t)c * radii;
+        int last = certain_radii(pilot, fall, entries) - 1;
+        if (last < 1) {
+            free(*profile);
+            *profile = NULL;
+            return nacre_fail(error, "the pilot shows no light beside its lit points; scan it with "
+                                     "longer exposures");
+        }
+        for (int r = 0; r <= last; r++) {
+            own[r] = fall[r] / (double)entries[r];
+        }
+        double rate = pow(own[last] / own[last / 2], 1.0 / (last - last / 2));
+        for (int r = last + 1; r < pilot->radii; r++) {
+            own[r] = fmax(own[r - 1] * fmin(rate, 1), 1e-30);
+        }
+    }
+    return NACRE_OK;
 }
 
 int pilot_choose(const struct pilot *pilot, double bound, int *half, struct nacre_error *error)
@@ -179,7 +290,8 @@ int pilot_choose(const struct pilot *pilot, double bound, int *half, struct nacr
                       100 * bound);
 }
 
-static int gather(const char *path, double noise, struct pilot *pilot, struct nacre_error *error)
+static int gather(const char *path, const struct develop_report *report, struct pilot *pilot,
+                  struct nacre_error *error)
 {
     struct nacre_scan *scan = NULL;
     float *response = NULL;
@@ -188,10 +300,11 @@ static int gather(const char *path, double noise, struct pilot *pilot, struct na
         goto out;
     }
     const struct nacre_scan_info *info = nacre_scan_info(scan);
-    status = pilot_init(pilot, info, noise, error);
+    status = pilot_init(pilot, info, report->noise, error);
     if (status != NACRE_OK) {
         goto out;
     }
+    memcpy(pilot->white, report->white, sizeof pilot->white);
     response = malloc(nacre_scan_response_size(info) * sizeof *response);
     if (!response) {
         status = nacre_fail_memory(error, "a response");
@@ -225,7 +338,7 @@ int pilot_read(const char *path, const char *scratch, struct progress *progress,
     *pilot = (struct pilot){0};
     int status = develop_session(path, &options, scratch, progress, &report, error);
     if (status == NACRE_OK) {
-        status = gather(scratch, report.noise, pilot, error);
+        status = gather(scratch, &report, pilot, error);
         (void)unlink(scratch); /* nothing is lost if it stays */
     }
     if (status != NACRE_OK) {

@@ -28,10 +28,10 @@ struct record {
 
 struct work {
     char *path;
-    int file; /* -1: none */
-    int width, height, spacing, grids;
+    int file;                      /* -1: none */
+    const struct plan_grids *laid; /* borrowed */
+    int grids;
     size_t response_bytes;
-    uint64_t *starts;       /* [grids + 1], of responses, in responses */
     struct record *records; /* [grids] */
     bool *whole;            /* [grids]: the record and its responses are there */
     bool *counts;           /* [grids]: written or taken over by this program */
@@ -54,29 +54,16 @@ uint64_t work_key(uint64_t key, const void *bytes, size_t size)
     return key;
 }
 
-static int columns_of(const struct work *work, int grid)
-{
-    int left = grid % work->spacing;
-    return left < work->width ? (work->width - left - 1) / work->spacing + 1 : 0;
-}
-
-static int rows_of(const struct work *work, int grid)
-{
-    int top = grid / work->spacing;
-    return top < work->height ? (work->height - top - 1) / work->spacing + 1 : 0;
-}
-
 size_t work_count(const struct work *work, int grid)
 {
-    return (size_t)(work->starts[grid + 1] - work->starts[grid]);
+    return work->laid->starts[grid + 1] - work->laid->starts[grid];
 }
 
 void work_place(const struct work *work, int grid, size_t index, int *x, int *y)
 {
-    size_t columns = (size_t)columns_of(work, grid);
-    columns += columns == 0; /* such a grid has no index to ask for */
-    *x = grid % work->spacing + (int)(index % columns) * work->spacing;
-    *y = grid / work->spacing + (int)(index / columns) * work->spacing;
+    int point = (int)work->laid->points[work->laid->starts[grid] + index];
+    *x = point % work->laid->width;
+    *y = point / work->laid->width;
 }
 
 static off_t record_place(int grid)
@@ -86,7 +73,8 @@ static off_t record_place(int grid)
 
 static off_t responses_place(const struct work *work, int grid, size_t index)
 {
-    return record_place(work->grids) + (off_t)((work->starts[grid] + index) * work->response_bytes);
+    return record_place(work->grids) +
+           (off_t)((work->laid->starts[grid] + index) * work->response_bytes);
 }
 
 /* All of it, or a failure. */
@@ -190,21 +178,14 @@ static char *path_of(const char *output)
 static int allocate(const struct nacre_scan_info *info, const struct plan *plan, struct work *work,
                     struct nacre_error *error)
 {
-    work->width = info->width;
-    work->height = info->height;
-    work->spacing = plan->grid_spacing;
+    work->laid = plan->grids;
     work->grids = plan_pattern_count(plan, PATTERN_GRID);
     work->response_bytes = nacre_scan_response_size(info) * sizeof(float);
-    work->starts = calloc((size_t)work->grids + 1, sizeof *work->starts);
     work->records = calloc((size_t)work->grids, sizeof *work->records);
     work->whole = calloc((size_t)work->grids, sizeof *work->whole);
     work->counts = calloc((size_t)work->grids, sizeof *work->counts);
-    if (!work->starts || !work->records || !work->whole || !work->counts) {
+    if (!work->records || !work->whole || !work->counts) {
         return nacre_fail_memory(error, "the list of grids");
-    }
-    for (int g = 0; g < work->grids; g++) {
-        work->starts[g + 1] =
-            work->starts[g] + (uint64_t)columns_of(work, g) * (uint64_t)rows_of(work, g);
     }
     return NACRE_OK;
 }
@@ -248,7 +229,6 @@ static void destroy(struct work *work, bool keep)
         (void)close(work->file); /* gives the lock back */
     }
     free(work->path);
-    free(work->starts);
     free(work->records);
     free(work->whole);
     free(work->counts);
@@ -322,9 +302,9 @@ int work_read(struct work *work, int grid, struct work_note *note, float *respon
 int work_read_point(const struct work *work, int x, int y, float *response, bool *counts,
                     struct nacre_error *error)
 {
-    int grid = y % work->spacing * work->spacing + x % work->spacing;
-    size_t columns = (size_t)columns_of(work, grid);
-    size_t index = (size_t)(y / work->spacing) * columns + (size_t)(x / work->spacing);
+    size_t point = (size_t)y * (size_t)work->laid->width + (size_t)x;
+    int grid = (int)work->laid->grid_of[point];
+    size_t index = work->laid->places[point] - work->laid->starts[grid];
     *counts = work->counts[grid];
     return *counts ? get(work, response, work->response_bytes, responses_place(work, grid, index),
                          error)

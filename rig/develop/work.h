@@ -21,7 +21,7 @@ struct work;
 
 /* Make the work file of `output`, or go on with the one that a killed program left. `key` stands for all that the
  * responses depend on but the grids' own frames: a file of another key is refused. Fails where another program works on
- * it. */
+ * it. The plan is laid over the sample and outlives the work. */
 int work_open(const char *output, const struct nacre_scan_info *info, const struct plan *plan,
               uint64_t key, bool resume, struct work **work, struct nacre_error *error);
 

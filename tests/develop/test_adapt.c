@@ -1,0 +1,250 @@
+/* Tests of plans adapted to a pilot. */
+#include "made.h"
+#include "rig/develop/adapt.h"
+#include "rig/sequence.h"
+#include "unity.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { WIDTH = 192, BORDER = 88, HEIGHT = 64, WINDOW = 31, HALF = WINDOW / 2 };
+
+static const char station_text[] =
+    "sample: {width: 192, height: 64, pitch_mm: 0.5}\n"
+    "camera: {driver: virtual, width: 300, height: 300, bayer: RGGB, bits: 10, pedestal: 24,\n"
+    "         read_noise: 0.8, electrons: 15}\n"
+    "projector: {driver: virtual, wheel_hz: 30}\ntrigger: {driver: virtual}\n"
+    "virtual: {sample: sample.yaml}\n";
+
+static const char plan_text[] = "black_frames: 40\ngrid_spacing: 31\nwindow: 31\n"
+                                "grid_patterns: 20\nexposure_turns: [1, 4, 15, 60, 240]\n";
+
+static struct nacre_error error;
+static struct station station;
+static struct plan plan;
+static struct pilot pilot;
+static struct adapt_result result;
+static char *folder;
+
+void setUp(void)
+{
+    char path[256];
+    folder = made_folder();
+    (void)snprintf(path, sizeof path, "%s/station.yaml", folder);
+    FILE *file = fopen(path, "w");
+    TEST_ASSERT_NOT_NULL(file);
+    TEST_ASSERT_TRUE(fputs(station_text, file) >= 0);
+    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, station_read(path, &station, &error), error.text);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, plan_parse("plan.yaml", plan_text, strlen(plan_text), &plan, &error), error.text);
+}
+
+void tearDown(void)
+{
+    made_folder_remove(folder);
+    pilot_finish(&pilot);
+    plan_finish(&plan);
+    station_finish(&station);
+}
+
+/* What reaches `reach` points and has `light` in all; entries without noise. */
+struct kind {
+    double reach, light;
+};
+
+static double entry(struct kind kind, double r)
+{
+    double x = r / kind.reach;
+    return kind.light * exp(-x) / (6.283 * kind.reach * kind.reach); /* e^-x over the plane */
+}
+
+/* Responses every 37 points: those of `left` up to the border, of `right` beyond. */
+static void measure(struct kind left, struct kind right)
+{
+    static float response[3 * WINDOW * WINDOW];
+    const struct nacre_scan_info info = {
+        .width = WIDTH, .height = HEIGHT, .window = WINDOW, .channels = 3};
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, pilot_init(&pilot, &info, 2e-5, &error));
+    pilot.noise = 2e-5;
+    for (int c = 0; c < 3; c++) {
+        pilot.white[c] = 20000;
+    }
+    for (int i = 0; i < WIDTH * HEIGHT; i += 37) {
+        for (int k = 0; k < 3 * WINDOW * WINDOW; k++) {
+            response[k] = (float)entry(i % WIDTH < BORDER ? left : right,
+                                       hypot(k % WINDOW - HALF, k / WINDOW % WINDOW - HALF));
+        }
+        TEST_ASSERT_EQUAL_INT(NACRE_OK,
+                              pilot_add(&pilot, &info, i % WIDTH, i / WIDTH, response, &error));
+    }
+}
+
+static void adapt(double overlap, double noise, int block, double seconds)
+{
+    const struct adapt_wish wish = {overlap, noise, block, seconds};
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, adapt_plan(&pilot, &station, &wish, &plan, &result, &error), error.text);
+    struct sequence_needs needs;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, sequence_estimate(&station, &plan, NULL, &needs, &error));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-6 * needs.seconds, needs.seconds, result.seconds);
+    TEST_ASSERT_EQUAL_DOUBLE(1, plan.exposure_turns[0]);
+}
+
+static void spacing_follows_the_footprint(void)
+{
+    const struct kind wide = {3, 0.5};
+    measure(wide, wide);
+    /* Beyond r lies (1 + x) e^-x of e^-x over the plane, x = r / 3; of a square of half side h less than beyond h, and more than beyond
+     * h sqrt(2). 5 % leave between 4.74 * 3 / sqrt(2) = 10 and 14.2. */
+    adapt(0.05, 0.02, 0, 0);
+    TEST_ASSERT_TRUE(plan.grid_spacing >= 2 * 10 + 1 && plan.grid_spacing <= 2 * 14 + 1);
+    TEST_ASSERT_EQUAL_INT(0, plan.region_count);
+    TEST_ASSERT_EQUAL_INT(plan.grid_spacing * plan.grid_spacing, result.grids);
+    TEST_ASSERT_TRUE(plan.profile_count > 0); /* windows of 31 overlap */
+}
+
+static void wide_windows_without_overlap_need_no_profile(void)
+{
+    const struct kind wide = {3, 0.5};
+    measure(wide, wide);
+    adapt(1e-6, 0.02, 0, 0); /* as wide as the window */
+    TEST_ASSERT_EQUAL_INT(WINDOW, plan.grid_spacing);
+    TEST_ASSERT_EQUAL_UINT(0, plan.profile_count);
+}
+
+static void less_noise_takes_longer(void)
+{
+    const struct kind kind = {3, 0.5};
+    double before = 0;
+    measure(kind, kind);
+    for (double noise = 0.8; noise > 0.06; noise /= 2) {
+        struct plan wished = plan;
+        TEST_ASSERT_EQUAL_INT_MESSAGE(
+            NACRE_OK, plan_parse("plan.yaml", plan_text, strlen(plan_text), &wished, &error),
+            error.text);
+        plan_finish(&plan);
+        plan = wished;
+        adapt(0.05, noise, 0, 0);
+        TEST_ASSERT_EQUAL_UINT(0, result.noisy);
+        TEST_ASSERT_TRUE(result.noise_worst <= noise);
+        TEST_ASSERT_TRUE(result.seconds >= before);
+        before = result.seconds;
+    }
+}
+
+static void noise_is_foretold_by_the_sensor(void)
+{
+    const struct kind kind = {3, 0.5};
+    measure(kind, kind);
+    adapt(0.05, 1e-9, 0, 0); /* every exposure */
+    TEST_ASSERT_EQUAL_UINT(pilot.responses, result.noisy);
+    /* An entry without light scatters by 2e-5 in the pilot, whose exposures are these: what light's own noise adds makes the
+     * entries' part at least (W^2 - 1) times that, over the root of the entries' squares. */
+    double power = 0;
+    double shot = 0;
+    const double turns[] = {1, 4, 15, 60, 240};
+    double dark_weight = 0;
+    for (int e = 0; e < 5; e++) {
+        dark_weight += turns[e] * turns[e] / 900 / (0.64 + 1.0 / 12);
+    }
+    for (int k = 0; k < WINDOW * WINDOW; k++) {
+        int u = k % WINDOW - HALF;
+        int v = k / WINDOW - HALF;
+        double value = u || v ? entry(kind, hypot(u, v)) : 0;
+        double weight = 0;
+        for (int e = 0; e < 5; e++) {
+            double t = turns[e] / 30;
+            double raw = value * 20000 * t;
+            double variance = 0.64 + 1.0 / 12 + raw / 15;
+            weight += e == 0 || raw + 4 * sqrt(variance) < 1022 - 24 ? t * t / variance : 0;
+        }
+        power += value * value;
+        shot += u || v ? 4e-10 * dark_weight / weight : 0;
+    }
+    /* The plan knows rings of the chessboard by their mean only, within which light varies by e^(0.41 r / 3). */
+    TEST_ASSERT_DOUBLE_WITHIN(0.1 * sqrt(shot / power), sqrt(shot / power), result.noise_mean);
+}
+
+static void narrow_and_dim_regions_get_long_exposures_alone(void)
+{
+    /* On the left narrow and dark, on the right wide and bright. */
+    measure((struct kind){1.2, 0.04}, (struct kind){3, 0.8});
+    adapt(0.05, 0.3, 16, 0);
+    TEST_ASSERT_TRUE(plan.region_count > 0);
+    TEST_ASSERT_TRUE(result.narrowest < result.widest);
+    size_t most = 0;
+    size_t with_most = 0;
+    for (int g = 0; g < result.grids; g++) {
+        most = plan.grids->exposures[g] > most ? plan.grids->exposures[g] : most;
+    }
+    for (int g = 0; g < result.grids; g++) {
+        with_most += plan.grids->exposures[g] == most;
+    }
+    /* The column of blocks where the two meet is both wide and dark: 16 of the 29 columns of the wide lattice. */
+    TEST_ASSERT_TRUE(with_most < (size_t)result.grids * 2 / 3);
+    double apart = result.seconds;
+    struct plan again;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK,
+                          plan_parse("plan.yaml", plan_text, strlen(plan_text), &again, &error));
+    plan_finish(&plan);
+    plan = again;
+    adapt(0.05, 0.3, 0, 0);
+    TEST_ASSERT_TRUE(apart < 0.75 * result.seconds);
+}
+
+static void time_is_kept_by_wider_bounds(void)
+{
+    const struct kind kind = {3, 0.5};
+    measure(kind, kind);
+    adapt(0.05, 0.02, 0, 600);
+    TEST_ASSERT_TRUE(result.seconds <= 600);
+    TEST_ASSERT_TRUE(result.widened > 1);
+}
+
+static void time_that_cannot_be_kept_is_refused(void)
+{
+    const struct kind kind = {3, 0.5};
+    const struct adapt_wish wish = {0.05, 0.02, 0, 0.5};
+    measure(kind, kind);
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED,
+                          adapt_plan(&pilot, &station, &wish, &plan, &result, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "no plan takes less"), error.text);
+}
+
+static void dark_levels_are_measured_until_they_add_little(void)
+{
+    measure((struct kind){3, 0.5}, (struct kind){3, 0.5});
+    adapt(0.05, 0.2, 0, 0);
+    int bright = plan.black_frames;
+    double noise = 0.2;
+    /* The mean's deviation of all entries, over the root of the responses' squares, is a quarter of the noise allowed or less. */
+    double dark = 0;
+    double best = 0;
+    for (size_t e = 0; e < plan.exposure_count; e++) {
+        dark += plan.exposure_turns[e] * plan.exposure_turns[e];
+    }
+    for (int e = 0; e < 5; e++) {
+        const double turns[] = {1, 4, 15, 60, 240};
+        best += turns[e] * turns[e];
+    }
+    double entries = 3.0 * WINDOW * WINDOW * 4e-10 * best / dark;
+    TEST_ASSERT_TRUE(sqrt(entries / bright / pilot.places[0].power) <= 0.25 * noise * 1.001);
+    TEST_ASSERT_TRUE(bright >= 16);
+}
+
+int main(void)
+{
+    UNITY_BEGIN();
+    RUN_TEST(spacing_follows_the_footprint);
+    RUN_TEST(wide_windows_without_overlap_need_no_profile);
+    RUN_TEST(less_noise_takes_longer);
+    RUN_TEST(noise_is_foretold_by_the_sensor);
+    RUN_TEST(narrow_and_dim_regions_get_long_exposures_alone);
+    RUN_TEST(time_is_kept_by_wider_bounds);
+    RUN_TEST(time_that_cannot_be_kept_is_refused);
+    RUN_TEST(dark_levels_are_measured_until_they_add_little);
+    return UNITY_END();
+}
