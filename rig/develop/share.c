@@ -8,6 +8,9 @@
 /* A_j moves by the foreign light in its ring, a few per cent of it: three rounds leave less than a thousandth. */
 enum { ROUNDS = 3 };
 
+/* Against what the profile makes of its light nearer by, a tail is not weaker than this. */
+static const double tail_share = 0.1;
+
 struct share {
     const struct nacre_scan_info *info;
     const struct plan_grids *laid;
@@ -139,8 +142,29 @@ static void sum_all(struct share *share, size_t lit)
     }
 }
 
-/* What a lit point's own light is of the profile, in the ring that tells its tail; what was there before counts
- * once more where nothing is seen. */
+/* What a lit point's own light is of the profile, where its tail is told from its neighbours', and nearer by. */
+struct measured {
+    double own[2], expected[2]; /* near, tail */
+};
+
+static void measure_row(const struct share *share, int channel, int y, const struct box *box,
+                        int inner, double strength, const float *reflected,
+                        struct measured *measured)
+{
+    const double *profile = profile_row(share, channel, y - box->y);
+    const double *sum = share->sum + row_of(share, channel, y);
+    const float *light = reflected + row_of(share, channel, y);
+    for (int x = box->left; x <= box->right; x++) {
+        int apart = larger(abs(x - box->x), abs(y - box->y));
+        if (apart > 0 && !isnan(light[x])) {
+            double part = profile[abs(x - box->x)];
+            measured->own[apart >= inner] += (double)light[x] * strength * part / sum[x];
+            measured->expected[apart >= inner] += part;
+        }
+    }
+}
+
+/* Where the tail is lost in noise the light nearer by says what it is at least, or a point would lose even its middle. */
 static void measure_strength(struct share *share, size_t index, const float *reflected)
 {
     const struct nacre_scan_info *info = share->info;
@@ -151,23 +175,16 @@ static void measure_strength(struct share *share, size_t index, const float *ref
     struct box box = box_around(share, index, outer);
     for (int c = 0; c < info->channels; c++) {
         double *strength = &share->strength[index * (size_t)info->channels + (size_t)c];
-        double own = 0;
-        double expected = 0;
+        struct measured measured = {{0}, {0}};
+        double least = 1e-12;
         for (int y = box.top; y <= box.bottom; y++) {
-            const double *profile = profile_row(share, c, y - box.y);
-            const double *sum = share->sum + row_of(share, c, y);
-            const float *light = reflected + row_of(share, c, y);
-            for (int x = box.left; x <= box.right; x++) {
-                bool ring = larger(abs(x - box.x), abs(y - box.y)) >= inner;
-                if (ring && !isnan(light[x])) {
-                    double part = profile[abs(x - box.x)];
-                    own += (double)light[x] * *strength * part / sum[x];
-                    expected += part;
-                }
-            }
+            measure_row(share, c, y, &box, inner, *strength, reflected, &measured);
         }
-        if (expected > 0) {
-            *strength = fmax(own / expected, 1e-12);
+        if (measured.expected[0] > 0) {
+            least = fmax(least, tail_share * measured.own[0] / measured.expected[0]);
+        }
+        if (measured.expected[1] > 0) {
+            *strength = fmax(measured.own[1] / measured.expected[1], least);
         }
     }
 }

@@ -192,6 +192,36 @@ static void places_that_were_not_seen_stay_so(void)
                              response[HALF * WINDOW + HALF + 1]);
 }
 
+/* Of a material that swallows the light of one colour nothing comes back a few points off. */
+static void a_tail_lost_in_noise_does_not_cost_the_middle(void)
+{
+    const struct plan_grids *laid = plan.grids;
+    static float response[RESPONSE];
+    struct made_random random = {8};
+    double lost = 0;
+    paint(20, 0);
+    for (int i = 2 * POINTS; i < 3 * POINTS; i++) {
+        double middle = 0;
+        for (uint32_t k = laid->starts[20]; k < laid->starts[21]; k++) {
+            int p = (int)laid->points[k];
+            double r = hypot(p % WIDTH - i % POINTS % WIDTH, p / WIDTH - i % POINTS / WIDTH);
+            middle += exp(-3 * r);
+        }
+        picture[i] = (float)(middle + 1e-3 * made_normal(&random));
+    }
+    share_begin(share, 20, picture);
+    for (uint32_t k = laid->starts[20]; k < laid->starts[21]; k++) {
+        int p = (int)laid->points[k];
+        extract_window(&info, picture, p % WIDTH, p / WIDTH, response);
+        share_apply(share, k - laid->starts[20], response);
+        lost = fmax(lost, fabs(1 - (double)response[2 * WINDOW * WINDOW + HALF * WINDOW + HALF]));
+    }
+    /* A tail is a tenth of what its near light says, or more: eight neighbours 8 points off or more, each ten times as strong
+     * at most, take 8 * 10 * exp(-8 / 2.5) / 9 = 0.36 of the middle. */
+    TEST_ASSERT_TRUE(lost < 0.36);
+    TEST_ASSERT_TRUE(lost > 0); /* else this shows nothing */
+}
+
 static void darkness_is_shared_without_harm(void)
 {
     static float response[RESPONSE];
@@ -211,6 +241,7 @@ int main(void)
     RUN_TEST(sources_and_reflectances_of_their_own_do_little_harm);
     RUN_TEST(no_light_is_lost);
     RUN_TEST(places_that_were_not_seen_stay_so);
+    RUN_TEST(a_tail_lost_in_noise_does_not_cost_the_middle);
     RUN_TEST(darkness_is_shared_without_harm);
     return UNITY_END();
 }
