@@ -14,7 +14,7 @@ struct plan_settings {
     const char *output;
     double leak;
     int window;
-    double noise, overlap;
+    double noise, tails, overlap;
     int block;
     double within_seconds;
 };
@@ -51,8 +51,16 @@ static const struct option_spec plan_options[] = {
      .maximum = 1,
      .fallback = "0",
      .offset = offsetof(struct plan_settings, noise),
-     .sentence = "adapt the plan: noise that a response may have off its centre; 0: the pilot's "
-                 "exposures and black frames, one spacing, as wide as the window"},
+     .sentence = "adapt the plan: deviation that noise may give a response, over all its entries; "
+                 "0: the pilot's exposures and black frames, one spacing, as wide as the window"},
+    {.name = "tails",
+     .kind = OPTION_REAL,
+     .argument = "SHARE",
+     .minimum = 1e-6,
+     .maximum = 10,
+     .fallback = "5 %",
+     .offset = offsetof(struct plan_settings, tails),
+     .sentence = "of an adapted plan: the same without the entry of the lit point itself"},
     {.name = "overlap",
      .kind = OPTION_REAL,
      .argument = "SHARE",
@@ -97,11 +105,12 @@ static json_t *adapted_json(const struct choice *choice)
 {
     const struct adapt_result *to = &choice->adapted_to;
     return choice->adapted
-               ? json_pack("{s:i, s:i, s:i, s:I, s:f, s:f, s:I, s:f, s:f}", "narrowest",
+               ? json_pack("{s:i, s:i, s:i, s:I, s:f, s:f, s:f, s:f, s:I, s:f, s:f}", "narrowest",
                            to->narrowest, "widest", to->widest, "black_frames",
                            choice->plan->black_frames, "exposures",
-                           (json_int_t)choice->plan->exposure_count, "noise_mean", to->noise_mean,
-                           "noise_worst", to->noise_worst, "noisy", (json_int_t)to->noisy,
+                           (json_int_t)choice->plan->exposure_count, "noise_mean", to->noise.mean,
+                           "noise_worst", to->noise.worst, "tails_mean", to->tails.mean,
+                           "tails_worst", to->tails.worst, "noisy", (json_int_t)to->noisy,
                            "widened", to->widened, "without_seconds", choice->whole_seconds)
                : json_null();
 }
@@ -135,16 +144,18 @@ static void print_adapted(const struct choice *choice)
         (void)printf(" %g", plan->exposure_turns[e]);
     }
     (void)printf(" turns; %d black frames\n", plan->black_frames);
-    (void)printf("%-13s %.2g %% off the centre, %.2g %% at worst\n", "noise", 100 * to->noise_mean,
-                 100 * to->noise_worst);
+    (void)printf("%-13s %.2g %%, %.2g %% at worst; off the centre %.2g %%, %.2g %% at worst\n",
+                 "noise", 100 * to->noise.mean, 100 * to->noise.worst, 100 * to->tails.mean,
+                 100 * to->tails.worst);
     if (to->noisy) {
         (void)printf("%-13s %zu responses of the pilot have more noise than allowed with every "
                      "exposure\n",
                      "", to->noisy);
     }
     if (to->widened > 1) {
-        (void)printf("%-13s --noise and --overlap are widened %.2g times to keep the time\n", "",
-                     to->widened);
+        (void)printf(
+            "%-13s --noise, --tails and --overlap are widened %.2g times to keep the time\n", "",
+            to->widened);
     }
     print_needs(choice);
     (void)printf("%-13s %.2f h with the pilot's exposures and a spacing of %d\n", "",
@@ -212,7 +223,7 @@ static int choose_window(const struct plan_settings *given, const struct pilot *
 static int choose(const struct plan_settings *given, struct session *session, struct choice *choice,
                   struct nacre_error *error)
 {
-    const struct adapt_wish wish = {given->overlap, given->noise, given->block,
+    const struct adapt_wish wish = {given->overlap, given->noise, given->tails, given->block,
                                     given->within_seconds};
     int half = 0;
     int status = choose_window(given, choice->pilot, &half, error);
@@ -292,7 +303,7 @@ const struct verb verb_plan = {
         "spacing "
         "at which its responses leave no more than --overlap among neighbours, which developing "
         "parts among them by the profile of the pilot; the exposures whose noise is no more than "
-        "asked off the centre, long ones only in grids whose points need them; and black frames "
+        "--noise and --tails, long ones only in grids whose points need them; and black frames "
         "until their mean adds no more than a quarter of that. Of all sets of the pilot's "
         "exposures "
         "the one that takes the least time is chosen.\n\n"

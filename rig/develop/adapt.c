@@ -41,7 +41,7 @@ struct search {
     double gain; /* variance of an entry of reflectance 1's light over a pixel's variance */
     struct block *blocks;
     int across, down;
-    double *noise; /* [responses][exposures]: relative, by how many exposures of a set */
+    double *noise; /* [responses][exposures]: over what is wished, by how many exposures of a set */
     double *
         bounds; /* [responses]: of it; more than wished where all of the pilot's exposures leave more */
 };
@@ -77,32 +77,39 @@ static double find_gain(const struct pilot *pilot, const struct station *station
            (inverse * pixel_variance(station, plan->exposure_turns, plan->exposure_count, 0));
 }
 
-/* Squared noise of a response off its centre, over its power. */
-static double response_noise(const struct search *search, size_t index, const struct plan *plan,
-                             size_t count)
+/* Of a response with the first `count` exposures: of all, and off its centre. */
+struct noise {
+    double whole, tails;
+};
+
+static struct noise response_noise(const struct search *search, size_t index,
+                                   const struct plan *plan, size_t count)
 {
     const struct pilot *pilot = search->pilot;
+    const struct pilot_place *place = &pilot->places[index];
     int half = plan->window / 2;
-    double sum = 0;
+    double sums[2] = {0}; /* centre, rings */
     for (int c = 0; c < pilot->channels; c++) {
         double white = pilot->white[c];
-        for (int ring = 1; ring < pilot->rings && ring <= half; ring++) {
-            int entries = 8 * ring;
+        for (int ring = 0; ring < pilot->rings && ring <= half; ring++) {
+            int entries = ring ? 8 * ring : 1;
             double light = pilot_energy(pilot, index, c, ring) / entries * white;
-            sum += entries * search->gain / (white * white) *
-                   pixel_variance(search->station, plan->exposure_turns, count, light);
+            sums[ring > 0] += entries * search->gain / (white * white) *
+                              pixel_variance(search->station, plan->exposure_turns, count, light);
         }
     }
-    double power = pilot->places[index].power;
-    return power > 0 ? sum / power : INFINITY;
+    double power = fmax(place->power, 1e-30);
+    return (struct noise){sqrt((sums[0] + sums[1]) / (power + fmax(place->centre, 0))),
+                          sqrt(sums[1] / power)};
 }
 
 static void tabulate_noise(struct search *search, const struct plan *plan)
 {
     for (size_t i = 0; i < search->pilot->responses; i++) {
         for (size_t e = 0; e < plan->exposure_count; e++) {
+            struct noise noise = response_noise(search, i, plan, e + 1);
             search->noise[i * plan->exposure_count + e] =
-                sqrt(response_noise(search, i, plan, e + 1));
+                fmax(noise.whole / search->wish->noise, noise.tails / search->wish->tails);
         }
     }
 }
@@ -252,7 +259,7 @@ static int count_black(const struct search *search, const struct plan *plan, dou
         sum += (double)plan->window * plan->window * search->gain * dark /
                (pilot->white[c] * pilot->white[c]);
     }
-    double bound = black_share * search->wish->noise * scale;
+    double bound = black_share * search->wish->tails * scale;
     double count = ceil(sum / (bound * bound * power));
     return (int)fmin(fmax(count, BLACK_MINIMUM), BLACK_MAXIMUM);
 }
@@ -303,13 +310,12 @@ static int try_variant(struct search *search, const struct plan *pilot_plan, str
 static size_t set_bounds(struct search *search, const struct plan *pilot_plan, double scale)
 {
     size_t count = 0;
-    double wish = search->wish->noise * scale;
     tabulate_noise(search, pilot_plan);
     for (size_t i = 0; i < search->pilot->responses; i++) {
         double least =
             search->noise[i * pilot_plan->exposure_count + pilot_plan->exposure_count - 1];
-        count += least > wish;
-        search->bounds[i] = fmax(wish, near_least * least);
+        count += least > scale;
+        search->bounds[i] = fmax(scale, near_least * least);
     }
     return count;
 }
@@ -383,6 +389,12 @@ static int make_blocks(struct search *search, struct nacre_error *error)
     return NACRE_OK;
 }
 
+static void add_noise(double noise, size_t responses, struct adapt_noise *sum)
+{
+    sum->mean += noise / (double)responses;
+    sum->worst = fmax(sum->worst, noise);
+}
+
 static void fill_result(const struct search *search, const struct plan *plan,
                         struct adapt_result *result)
 {
@@ -397,9 +409,9 @@ static void fill_result(const struct search *search, const struct plan *plan,
     for (size_t i = 0; i < search->pilot->responses; i++) {
         const struct pilot_place *place = &search->pilot->places[i];
         uint32_t grid = laid->grid_of[place->y * laid->width + place->x];
-        double noise = sqrt(response_noise(search, i, plan, laid->exposures[grid]));
-        result->noise_mean += noise / (double)search->pilot->responses;
-        result->noise_worst = fmax(result->noise_worst, noise);
+        struct noise noise = response_noise(search, i, plan, laid->exposures[grid]);
+        add_noise(noise.whole, search->pilot->responses, &result->noise);
+        add_noise(noise.tails, search->pilot->responses, &result->tails);
     }
 }
 

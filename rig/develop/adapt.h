@@ -10,18 +10,23 @@
 
 struct adapt_wish {
     double overlap; /* share of a response's energy that may fall among neighbours of its grid */
-    double
-        noise; /* deviation of a response's entries by noise, off its centre, over their root sum of squares */
+    /* Deviation of a response's entries by noise, over the root of their sum of squares: of all, as `nacre error` counts, and off
+     * the centre. */
+    double noise, tails;
     int block; /* side of the regions that are told apart, surface points; 0: all alike */
     double
-        seconds; /* of exposing at most; 0: no limit. overlap and noise are widened, alike, until it is kept */
+        seconds; /* of exposing at most; 0: no limit. All bounds are widened, alike, until it is kept */
+};
+
+/* Foretold of the pilot's responses. */
+struct adapt_noise {
+    double mean, worst;
 };
 
 struct adapt_result {
-    double widened; /* overlap and noise are so many times what was wished; 1: as wished */
-    double noise_mean,
-        noise_worst; /* foretold, of the pilot's responses, at the exposures of their regions */
-    size_t noisy;    /* of them above the bound even with every exposure of the pilot */
+    double widened;                  /* bounds are so many times what was wished; 1: as wished */
+    struct adapt_noise noise, tails; /* at the exposures of their regions */
+    size_t noisy;          /* responses above a bound even with every exposure of the pilot */
     int narrowest, widest; /* spacings */
     int grids;
     double seconds; /* of exposing */

@@ -98,16 +98,17 @@ static int make_room(struct pilot *pilot, struct nacre_error *error)
 
 /* A channel's entries by their distance; and their squares off the centre, of which noise is taken off. What of a ring lies
  * outside the sample is taken to be as the rest of it. */
-static double add_entries(struct pilot *pilot, const struct nacre_scan_info *info, int x, int y,
-                          int channel, const float *response)
+static void add_entries(struct pilot *pilot, const struct nacre_scan_info *info, int channel,
+                        const float *response, struct pilot_place *place)
 {
     int half = info->window / 2;
     double squares[512] = {0};
     size_t used[512] = {0};
-    double power = 0;
     for (int v = -half; v <= half; v++) {
         for (int u = -half; u <= half; u++, response++) {
-            bool inside = x + u >= 0 && y + v >= 0 && x + u < info->width && y + v < info->height;
+            int x = place->x + u;
+            int y = place->y + v;
+            bool inside = x >= 0 && y >= 0 && x < info->width && y < info->height;
             if (inside && !isnan(*response)) {
                 double value = (double)*response;
                 int ring = abs(u) > abs(v) ? abs(u) : abs(v);
@@ -120,9 +121,9 @@ static double add_entries(struct pilot *pilot, const struct nacre_scan_info *inf
         }
     }
     for (int ring = 1; ring <= half; ring++) {
-        power += squares[ring] * entries_of(ring) / (double)used[ring];
+        place->power += squares[ring] * entries_of(ring) / (double)used[ring];
     }
-    return power;
+    place->centre += squares[0];
 }
 
 int pilot_add(struct pilot *pilot, const struct nacre_scan_info *info, int x, int y,
@@ -142,9 +143,9 @@ int pilot_add(struct pilot *pilot, const struct nacre_scan_info *info, int x, in
                 whole;
     }
     if (whole) {
-        struct pilot_place place = {x, y, 0};
+        struct pilot_place place = {x, y, 0, 0};
         for (int c = 0; c < pilot->channels; c++) {
-            place.power += add_entries(pilot, info, x, y, c, response + (size_t)c * plane);
+            add_entries(pilot, info, c, response + (size_t)c * plane, &place);
         }
         pilot->places[pilot->responses++] = place;
     }

@@ -11,8 +11,8 @@
 /* Where one response was measured, and what it weighs. */
 struct pilot_place {
     int x, y;
-    double
-        power; /* sum over the channels of its entries' squares, without the centre's and without noise */
+    /* Sums over the channels of its entries' squares, without noise: off the centre, and of the centre. */
+    double power, centre;
 };
 
 /* Light of the pilot's responses by chessboard distance from the lit point. Zero-initialised it is empty;
