@@ -1,6 +1,7 @@
 /* From a pilot to a plan that spends station time only where it is seen. */
 #include "rig/develop/adapt.h"
 
+#include "rig/develop/foretold.h"
 #include "rig/sequence.h"
 
 #include <math.h>
@@ -20,8 +21,12 @@ static const double near_least = 1.05;
 static const double widening = 1.1;
 enum { STEPS = 72 }; /* to a thousand times */
 
-/* All sets of the pilot's exposures are tried. */
-enum { SETS_OF = 10 };
+/* Exposures are chosen from a ladder of whole turns with steps of about a half; more than four bring little. */
+enum { SET_MAXIMUM = 4, LADDER_MAXIMUM = 40 };
+static const double ladder_step = 1.5;
+
+/* So many of the cheapest sets are laid out. */
+enum { TRIED = 4 };
 
 /* A block of the sample, and what its responses ask for. */
 struct block {
@@ -31,6 +36,16 @@ struct block {
     bool known; /* a response of the pilot lies here */
 };
 
+/* Exposures that may be taken. */
+struct exposure_set {
+    double turns[SET_MAXIMUM];
+    size_t count;
+    const double
+        *noise; /* [responses][SET_MAXIMUM]: over what is wished, with the first 1, 2 ... of them */
+    double
+        price; /* turns of all grids, one for each exposure to be read out among them; infinite where they leave too much noise */
+};
+
 /* What the search goes through. */
 struct search {
     const struct pilot *pilot;
@@ -38,80 +53,45 @@ struct search {
     const struct adapt_wish *wish;
     struct pilot_tail tails[3];
     int channels;
-    double gain; /* variance of an entry of reflectance 1's light over a pixel's variance */
+    struct foretold foretold;
     struct block *blocks;
     int across, down;
-    double *noise; /* [responses][exposures]: over what is wished, by how many exposures of a set */
-    double *
-        bounds; /* [responses]: of it; more than wished where all of the pilot's exposures leave more */
+    struct exposure_set *sets;
+    size_t set_count;
+    double
+        *noise;  /* [responses][SET_MAXIMUM]: over what is wished, by how many exposures of a set */
+    int *halves; /* [responses]: of the spacing that each asks for */
+    double *bounds; /* [responses]: of it; more than wished where no set reaches that */
 };
 
-/* Variance of a pixel's merged radiance, raw units a second, with the first `count` exposures of the set. */
-static double pixel_variance(const struct station *station, const double *turns, size_t count,
-                             double light)
+/* The noise of all sets, once for all bounds. */
+static int tabulate_noise(struct search *search, struct nacre_error *error)
 {
-    const struct station_camera *camera = &station->camera;
-    double full = (double)((1U << (unsigned)camera->bits) - 2) - camera->pedestal;
-    double weight = 0;
-    for (size_t e = 0; e < count; e++) {
-        double t = turns[e] / station->projector.wheel_hz;
-        double raw = fmax(light, 0) * t;
-        double shot = camera->electrons > 0 ? raw / camera->electrons : 0;
-        double variance = camera->read_noise * camera->read_noise + 1.0 / 12 + shot;
-        if (e == 0 || raw + 4 * sqrt(variance) < full) {
-            weight += t * t / variance;
+    const struct adapt_wish *wish = search->wish;
+    size_t responses = search->pilot->responses;
+    search->noise = malloc(search->set_count * responses * SET_MAXIMUM * sizeof *search->noise);
+    if (!search->noise) {
+        return nacre_fail_memory(error, "the pilot's noise");
+    }
+    double *noise = search->noise;
+    for (size_t s = 0; s < search->set_count; s++) {
+        struct exposure_set *set = &search->sets[s];
+        set->noise = noise;
+        for (size_t i = 0; i < responses; i++, noise += SET_MAXIMUM) {
+            struct noise foretold[SET_MAXIMUM];
+            foretold_noise(&search->foretold, i, set->turns, set->count, foretold);
+            for (size_t e = 0; e < set->count; e++) {
+                noise[e] = fmax(foretold[e].whole / wish->noise, foretold[e].tails / wish->tails);
+            }
         }
     }
-    return 1 / weight;
+    return NACRE_OK;
 }
 
-/* The pilot's black frames tell how a pixel's variance becomes an entry's: the fit over mixed pixels, and white. */
-static double find_gain(const struct pilot *pilot, const struct station *station,
-                        const struct plan *plan)
+/* With all exposures of the set. */
+static double noise_of(const struct exposure_set *set, size_t index)
 {
-    double inverse = 0;
-    for (int c = 0; c < pilot->channels; c++) {
-        inverse += 1 / (pilot->white[c] * pilot->white[c]) / pilot->channels;
-    }
-    return pilot->noise * pilot->noise /
-           (inverse * pixel_variance(station, plan->exposure_turns, plan->exposure_count, 0));
-}
-
-/* Of a response with the first `count` exposures: of all, and off its centre. */
-struct noise {
-    double whole, tails;
-};
-
-static struct noise response_noise(const struct search *search, size_t index,
-                                   const struct plan *plan, size_t count)
-{
-    const struct pilot *pilot = search->pilot;
-    const struct pilot_place *place = &pilot->places[index];
-    int half = plan->window / 2;
-    double sums[2] = {0}; /* centre, rings */
-    for (int c = 0; c < pilot->channels; c++) {
-        double white = pilot->white[c];
-        for (int ring = 0; ring < pilot->rings && ring <= half; ring++) {
-            int entries = ring ? 8 * ring : 1;
-            double light = pilot_energy(pilot, index, c, ring) / entries * white;
-            sums[ring > 0] += entries * search->gain / (white * white) *
-                              pixel_variance(search->station, plan->exposure_turns, count, light);
-        }
-    }
-    double power = fmax(place->power, 1e-30);
-    return (struct noise){sqrt((sums[0] + sums[1]) / (power + fmax(place->centre, 0))),
-                          sqrt(sums[1] / power)};
-}
-
-static void tabulate_noise(struct search *search, const struct plan *plan)
-{
-    for (size_t i = 0; i < search->pilot->responses; i++) {
-        for (size_t e = 0; e < plan->exposure_count; e++) {
-            struct noise noise = response_noise(search, i, plan, e + 1);
-            search->noise[i * plan->exposure_count + e] =
-                fmax(noise.whole / search->wish->noise, noise.tails / search->wish->tails);
-        }
-    }
+    return set->noise[index * SET_MAXIMUM + set->count - 1];
 }
 
 /* The smallest half spacing at which a response leaks no more than the bound. */
@@ -130,22 +110,22 @@ static int needed_half(const struct search *search, size_t index, double bound, 
     return limit;
 }
 
-static size_t needed_exposures(const struct search *search, size_t index, const struct plan *plan)
+static size_t needed_exposures(const struct search *search, size_t index,
+                               const struct exposure_set *set)
 {
-    for (size_t e = 1; e < plan->exposure_count; e++) {
-        if (search->noise[index * plan->exposure_count + e - 1] <= search->bounds[index]) {
+    for (size_t e = 1; e < set->count; e++) {
+        if (set->noise[index * SET_MAXIMUM + e - 1] <= search->bounds[index]) {
             return e;
         }
     }
-    return plan->exposure_count;
+    return set->count;
 }
 
 /* What the responses within the block and half a block around it ask for. */
-static void ask_responses(const struct search *search, const struct plan *plan, double scale,
+static void ask_responses(const struct search *search, const struct exposure_set *set,
                           struct block *block)
 {
     const struct pilot *pilot = search->pilot;
-    int limit = plan->window / 2;
     int margin = search->wish->block / 2;
     block->half = 1;
     block->exposures = 1;
@@ -156,8 +136,8 @@ static void ask_responses(const struct search *search, const struct plan *plan, 
             place->y < block->y - margin || place->y >= block->y + block->height + margin) {
             continue;
         }
-        int half = needed_half(search, i, search->wish->overlap * scale, limit);
-        size_t exposures = needed_exposures(search, i, plan);
+        int half = search->halves[i];
+        size_t exposures = needed_exposures(search, i, set);
         block->half = half > block->half ? half : block->half;
         block->exposures = exposures > block->exposures ? exposures : block->exposures;
         block->known = true;
@@ -177,11 +157,11 @@ static struct block most_of(const struct search *search)
 }
 
 /* A block without responses asks for the most that any does: nothing is known of it. */
-static void ask_all(struct search *search, const struct plan *plan, double scale)
+static void ask_all(const struct search *search, const struct exposure_set *set)
 {
     int count = search->across * search->down;
     for (int b = 0; b < count; b++) {
-        ask_responses(search, plan, scale, &search->blocks[b]);
+        ask_responses(search, set, &search->blocks[b]);
     }
     struct block most = most_of(search);
     for (int b = 0; b < count; b++) {
@@ -194,7 +174,7 @@ static void ask_all(struct search *search, const struct plan *plan, double scale
 }
 
 /* All blocks as the most demanding of them. */
-static void level(struct search *search)
+static void level(const struct search *search)
 {
     int count = search->across * search->down;
     struct block most = most_of(search);
@@ -249,47 +229,26 @@ static int set_regions(const struct search *search, struct plan *plan, struct na
 static int count_black(const struct search *search, const struct plan *plan, double scale)
 {
     const struct pilot *pilot = search->pilot;
-    double dark = pixel_variance(search->station, plan->exposure_turns, plan->exposure_count, 0);
+    double sum = foretold_dark(&search->foretold, plan->exposure_turns, plan->exposure_count);
     double power = 0;
-    double sum = 0;
     for (size_t i = 0; i < pilot->responses; i++) {
         power += fmax(pilot->places[i].power, 0) / (double)pilot->responses;
-    }
-    for (int c = 0; c < pilot->channels; c++) {
-        sum += (double)plan->window * plan->window * search->gain * dark /
-               (pilot->white[c] * pilot->white[c]);
     }
     double bound = black_share * search->wish->tails * scale;
     double count = ceil(sum / (bound * bound * power));
     return (int)fmin(fmax(count, BLACK_MINIMUM), BLACK_MAXIMUM);
 }
 
-/* Bits of `set` are those of the pilot's exposures but its first, which is always there. */
-static void take_set(const struct plan *pilot_plan, unsigned set, struct plan *plan)
-{
-    plan->exposure_count = 1;
-    plan->exposure_turns[0] = pilot_plan->exposure_turns[0];
-    for (size_t e = 1; e < pilot_plan->exposure_count; e++) {
-        if (set & 1U << (e - 1)) {
-            plan->exposure_turns[plan->exposure_count++] = pilot_plan->exposure_turns[e];
-        }
-    }
-}
-
-/* One set of exposures, with regions or all blocks alike. */
-struct variant {
-    unsigned set;
-    bool level;
-};
-
-static int try_variant(struct search *search, const struct plan *pilot_plan, struct variant variant,
-                       double scale, struct plan *plan, double *seconds, struct nacre_error *error)
+/* A set of exposures, with regions or all blocks alike. */
+static int try_set(struct search *search, const struct exposure_set *set, bool regions,
+                   double scale, struct plan *plan, double *seconds, struct nacre_error *error)
 {
     struct sequence_needs needs;
-    take_set(pilot_plan, variant.set, plan);
-    tabulate_noise(search, plan);
-    ask_all(search, plan, scale);
-    if (variant.level) {
+    const struct station_sample *sample = &search->station->sample;
+    memcpy(plan->exposure_turns, set->turns, set->count * sizeof *set->turns);
+    plan->exposure_count = set->count;
+    ask_all(search, set);
+    if (!regions) {
         level(search);
     }
     int status = set_regions(search, plan, error);
@@ -297,7 +256,6 @@ static int try_variant(struct search *search, const struct plan *pilot_plan, str
         return status;
     }
     plan->black_frames = count_black(search, plan, scale);
-    const struct station_sample *sample = &search->station->sample;
     status = plan_lay(plan, "the plan", sample->width, sample->height, search->channels, error);
     if (status == NACRE_OK) {
         status = sequence_estimate(search->station, plan, NULL, &needs, error);
@@ -306,62 +264,146 @@ static int try_variant(struct search *search, const struct plan *pilot_plan, str
     return status;
 }
 
-/* What noise each response may have; returns of how many it is more than wished, as the pilot has no longer exposures. */
-static size_t set_bounds(struct search *search, const struct plan *pilot_plan, double scale)
+/* What noise each response may have; returns of how many it is more than wished, as no set does better. */
+static size_t set_bounds(const struct search *search, double scale)
 {
+    size_t responses = search->pilot->responses;
     size_t count = 0;
-    tabulate_noise(search, pilot_plan);
-    for (size_t i = 0; i < search->pilot->responses; i++) {
-        double least =
-            search->noise[i * pilot_plan->exposure_count + pilot_plan->exposure_count - 1];
-        count += least > scale;
-        search->bounds[i] = fmax(scale, near_least * least);
+    for (size_t i = 0; i < responses; i++) {
+        search->bounds[i] = INFINITY;
+    }
+    for (size_t s = 0; s < search->set_count; s++) {
+        for (size_t i = 0; i < responses; i++) {
+            search->bounds[i] = fmin(search->bounds[i], noise_of(&search->sets[s], i));
+        }
+    }
+    for (size_t i = 0; i < responses; i++) {
+        count += search->bounds[i] > scale;
+        search->bounds[i] = fmax(scale, near_least * search->bounds[i]);
     }
     return count;
 }
 
-static bool set_suffices(const struct search *search, const struct plan *plan)
+static bool set_suffices(const struct search *search, const struct exposure_set *set)
 {
     for (size_t i = 0; i < search->pilot->responses; i++) {
-        if (search->noise[i * plan->exposure_count + plan->exposure_count - 1] >
-            search->bounds[i]) {
+        if (noise_of(set, i) > search->bounds[i]) {
             return false;
         }
     }
     return true;
 }
 
+/* A set's price with regions: each exposure is taken in as many grids as the widest spacing that asks for it needs. */
+static double price_of(const struct search *search, const struct exposure_set *set)
+{
+    double price = 0;
+    ask_all(search, set);
+    for (size_t e = 0; e < set->count; e++) {
+        int widest = 0;
+        for (int b = 0; b < search->across * search->down; b++) {
+            const struct block *block = &search->blocks[b];
+            widest = block->exposures > e && block->half > widest ? block->half : widest;
+        }
+        price += (set->turns[e] + 1) * (2.0 * widest + 1) * (2.0 * widest + 1);
+    }
+    return price;
+}
+
+static int by_price(const void *a, const void *b)
+{
+    const struct exposure_set *p = a;
+    const struct exposure_set *q = b;
+    return p->price != q->price ? (p->price < q->price ? -1 : 1)
+                                : (p->count > q->count) - (p->count < q->count);
+}
+
+/* Bounds and prices at a scale; the sets that suffice come first, the cheapest at the head. */
+static size_t sort_sets(struct search *search, const struct plan *plan, double scale)
+{
+    for (size_t i = 0; i < search->pilot->responses; i++) {
+        search->halves[i] = needed_half(search, i, search->wish->overlap * scale, plan->window / 2);
+    }
+    size_t noisy = set_bounds(search, scale);
+    for (size_t s = 0; s < search->set_count; s++) {
+        struct exposure_set *set = &search->sets[s];
+        set->price = set_suffices(search, set) ? price_of(search, set) : INFINITY;
+    }
+    qsort(search->sets, search->set_count, sizeof *search->sets, by_price);
+    return noisy;
+}
+
 /* The fastest at these bounds, left in `plan`. Every grid lights all of the sample, so narrow regions pay only where they need
  * longer exposures than wide ones: then few grids have these. */
-static int choose_set(struct search *search, const struct plan *pilot_plan, double scale,
-                      struct plan *plan, struct adapt_result *result, struct nacre_error *error)
+static int choose_set(struct search *search, double scale, struct plan *plan,
+                      struct adapt_result *result, struct nacre_error *error)
 {
-    unsigned sets = 1U << (pilot_plan->exposure_count - 1);
-    struct variant best = {sets - 1, true};
+    size_t best = 0;
+    bool best_regions = false;
     double least = INFINITY;
     double seconds = 0;
-    size_t noisy = set_bounds(search, pilot_plan, scale);
-    for (unsigned set = 0; set < sets; set++) {
-        take_set(pilot_plan, set, plan);
-        tabulate_noise(search, plan);
-        if (!set_suffices(search, plan)) {
-            continue;
-        }
+    result->widened = scale;
+    result->noisy = sort_sets(search, plan, scale);
+    for (size_t s = 0; s < TRIED && s < search->set_count && isfinite(search->sets[s].price); s++) {
         for (int regions = 0; regions < 2; regions++) {
-            struct variant variant = {set, regions == 0};
-            int status = try_variant(search, pilot_plan, variant, scale, plan, &seconds, error);
+            int status = try_set(search, &search->sets[s], regions, scale, plan, &seconds, error);
             if (status != NACRE_OK) {
                 return status;
             }
             if (seconds < least) {
                 least = seconds;
-                best = variant;
+                best = s;
+                best_regions = regions;
             }
         }
     }
-    result->widened = scale;
-    result->noisy = noisy;
-    return try_variant(search, pilot_plan, best, scale, plan, &result->seconds, error);
+    return try_set(search, &search->sets[best], best_regions, scale, plan, &result->seconds, error);
+}
+
+/* From the pilot's shortest exposure, which white needs, to its longest. */
+static size_t make_ladder(const struct plan *pilot_plan, double ladder[LADDER_MAXIMUM])
+{
+    double longest = pilot_plan->exposure_turns[pilot_plan->exposure_count - 1];
+    size_t count = 0;
+    for (double turns = pilot_plan->exposure_turns[0];
+         turns < longest && count < LADDER_MAXIMUM - 1; turns *= ladder_step) {
+        double whole = count ? round(turns) : turns;
+        if (count == 0 || whole > ladder[count - 1]) {
+            ladder[count++] = whole;
+        }
+    }
+    if (count == 0 || longest > ladder[count - 1]) {
+        ladder[count++] = longest;
+    }
+    return count;
+}
+
+/* The first exposure, and up to SET_MAXIMUM - 1 of the others. */
+static int make_sets(struct search *search, const struct plan *pilot_plan,
+                     struct nacre_error *error)
+{
+    double ladder[LADDER_MAXIMUM];
+    size_t rungs = make_ladder(pilot_plan, ladder);
+    search->sets = malloc((rungs * rungs * rungs + 1) * sizeof *search->sets);
+    if (!search->sets) {
+        return nacre_fail_memory(error, "the sets of exposures");
+    }
+    /* Rung 0 in the place of b or c stands for none. */
+    for (size_t a = 0; a < rungs; a++) {
+        for (size_t b = 0; b <= (a ? a - 1 : 0); b++) {
+            for (size_t c = 0; c <= (b ? b - 1 : 0); c++) {
+                struct exposure_set *set = &search->sets[search->set_count++];
+                const size_t picked[] = {c, b, a};
+                *set = (struct exposure_set){.turns = {ladder[0]}, .count = 1};
+                for (int k = 0; k < 3; k++) {
+                    if (picked[k]) {
+                        set->turns[set->count++] = ladder[picked[k]];
+                    }
+                }
+            }
+        }
+    }
+    return NACRE_OK;
 }
 
 static int make_blocks(struct search *search, struct nacre_error *error)
@@ -409,9 +451,11 @@ static void fill_result(const struct search *search, const struct plan *plan,
     for (size_t i = 0; i < search->pilot->responses; i++) {
         const struct pilot_place *place = &search->pilot->places[i];
         uint32_t grid = laid->grid_of[place->y * laid->width + place->x];
-        struct noise noise = response_noise(search, i, plan, laid->exposures[grid]);
-        add_noise(noise.whole, search->pilot->responses, &result->noise);
-        add_noise(noise.tails, search->pilot->responses, &result->tails);
+        size_t exposures = laid->exposures[grid];
+        struct noise noise[SET_MAXIMUM];
+        foretold_noise(&search->foretold, i, plan->exposure_turns, exposures, noise);
+        add_noise(noise[exposures - 1].whole, search->pilot->responses, &result->noise);
+        add_noise(noise[exposures - 1].tails, search->pilot->responses, &result->tails);
     }
 }
 
@@ -428,31 +472,29 @@ static int set_profile(const struct pilot *pilot, struct plan *plan, struct nacr
     return overlap ? pilot_profile(pilot, &plan->profile, &plan->profile_count, error) : NACRE_OK;
 }
 
-/* The pilot's exposures, apart from the plan that is changed. */
-static int copy_exposures(const struct plan *plan, struct plan *copy, struct nacre_error *error)
+static int make_room(struct plan *plan, struct nacre_error *error)
 {
-    *copy = *plan;
-    copy->exposure_turns = malloc(plan->exposure_count * sizeof *copy->exposure_turns);
-    if (!copy->exposure_turns) {
-        return nacre_fail_memory(error, "the pilot's exposures");
+    double *turns = realloc(plan->exposure_turns, SET_MAXIMUM * sizeof *turns);
+    if (!turns) {
+        return nacre_fail_memory(error, "the plan's exposures");
     }
-    memcpy(copy->exposure_turns, plan->exposure_turns,
-           plan->exposure_count * sizeof *copy->exposure_turns);
+    plan->exposure_turns = turns;
+    plan->grid_patterns = 0;
     return NACRE_OK;
 }
 
 /* Bounds as wished, or the narrowest at which the time is kept. */
-static int choose_widening(struct search *search, const struct plan *pilot_plan, struct plan *plan,
-                           struct adapt_result *result, struct nacre_error *error)
+static int choose_widening(struct search *search, struct plan *plan, struct adapt_result *result,
+                           struct nacre_error *error)
 {
     double limit = search->wish->seconds;
-    int status = choose_set(search, pilot_plan, 1, plan, result, error);
+    int status = choose_set(search, 1, plan, result, error);
     if (status != NACRE_OK || limit <= 0 || result->seconds <= limit) {
         return status;
     }
     int below = 0;
     int kept = STEPS;
-    status = choose_set(search, pilot_plan, pow(widening, STEPS), plan, result, error);
+    status = choose_set(search, pow(widening, STEPS), plan, result, error);
     if (status == NACRE_OK && result->seconds > limit) {
         return nacre_fail(error,
                           "no plan takes less than %.2g h of exposing, and %.2g h are allowed; "
@@ -461,52 +503,52 @@ static int choose_widening(struct search *search, const struct plan *pilot_plan,
     }
     while (status == NACRE_OK && kept - below > 1) {
         int middle = (below + kept) / 2;
-        status = choose_set(search, pilot_plan, pow(widening, middle), plan, result, error);
+        status = choose_set(search, pow(widening, middle), plan, result, error);
         *(result->seconds <= limit ? &kept : &below) = middle;
     }
-    return status == NACRE_OK
-               ? choose_set(search, pilot_plan, pow(widening, kept), plan, result, error)
-               : status;
+    return status == NACRE_OK ? choose_set(search, pow(widening, kept), plan, result, error)
+                              : status;
 }
 
 int adapt_plan(const struct pilot *pilot, const struct station *station,
                const struct adapt_wish *wish, struct plan *plan, struct adapt_result *result,
                struct nacre_error *error)
 {
-    struct search search = {.pilot = pilot,
-                            .station = station,
-                            .wish = wish,
-                            .channels = pilot->channels,
-                            .gain = find_gain(pilot, station, plan)};
-    struct plan pilot_plan;
+    struct search search = {
+        .pilot = pilot, .station = station, .wish = wish, .channels = pilot->channels};
     *result = (struct adapt_result){.widened = 1};
-    if (plan->exposure_count > SETS_OF) {
-        return nacre_fail(error,
-                          "the pilot has %zu exposures; scan one with %d or fewer to choose from",
-                          plan->exposure_count, SETS_OF);
+    if (pilot->responses == 0) {
+        return nacre_fail(error, "no response of the pilot was measured in all of its window; scan "
+                                 "a pilot with more grids");
     }
-    int status = copy_exposures(plan, &pilot_plan, error);
-    if (status != NACRE_OK) {
-        return status;
-    }
-    plan->grid_patterns = 0;
-    search.noise = malloc(pilot->responses * plan->exposure_count * sizeof *search.noise);
-    search.bounds = malloc(pilot->responses * sizeof *search.bounds);
-    status = search.noise && search.bounds ? make_blocks(&search, error)
-                                           : nacre_fail_memory(error, "the pilot's noise");
+    foretold_init(&search.foretold, pilot, station, plan);
     for (int c = 0; c < pilot->channels; c++) {
         search.tails[c] = pilot_tail(pilot, c);
     }
+    search.bounds = malloc(pilot->responses * sizeof *search.bounds);
+    search.halves = malloc(pilot->responses * sizeof *search.halves);
+    int status = search.bounds && search.halves ? make_blocks(&search, error)
+                                                : nacre_fail_memory(error, "the pilot's needs");
     if (status == NACRE_OK) {
-        status = choose_widening(&search, &pilot_plan, plan, result, error);
+        status = make_sets(&search, plan, error);
+    }
+    if (status == NACRE_OK) {
+        status = tabulate_noise(&search, error);
+    }
+    if (status == NACRE_OK) {
+        status = make_room(plan, error);
+    }
+    if (status == NACRE_OK) {
+        status = choose_widening(&search, plan, result, error);
     }
     if (status == NACRE_OK) {
         fill_result(&search, plan, result);
         status = set_profile(pilot, plan, error);
     }
-    free(pilot_plan.exposure_turns);
+    free(search.sets);
     free(search.noise);
     free(search.bounds);
+    free(search.halves);
     free(search.blocks);
     return status;
 }

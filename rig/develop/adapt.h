@@ -26,14 +26,14 @@ struct adapt_noise {
 struct adapt_result {
     double widened;                  /* bounds are so many times what was wished; 1: as wished */
     struct adapt_noise noise, tails; /* at the exposures of their regions */
-    size_t noisy;          /* responses above a bound even with every exposure of the pilot */
-    int narrowest, widest; /* spacings */
+    size_t noisy;                    /* responses above a bound even whatever the exposures */
+    int narrowest, widest;           /* spacings */
     int grids;
     double seconds; /* of exposing */
 };
 
-/* Change `plan`, the pilot's own, whose window is set: grid_spacing and regions, exposure_turns (the pilot's first one, which
- * white needs, and of the others those that bring the most), black_frames, and a profile where windows overlap. It is laid over
+/* Change `plan`, the pilot's own, whose window is set: grid_spacing and regions, exposure_turns (up to four whole turns from the
+ * pilot's first one, which white needs and is always there, to its longest), black_frames, and a profile where windows overlap. It is laid over
  * the station's sample. Fails where `seconds` cannot be kept. */
 int adapt_plan(const struct pilot *pilot, const struct station *station,
                const struct adapt_wish *wish, struct plan *plan, struct adapt_result *result,

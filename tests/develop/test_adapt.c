@@ -140,10 +140,10 @@ static void noise_is_foretold_by_the_sensor(void)
 {
     const struct kind kind = {3, 0.5};
     measure(kind, kind);
-    adapt(0.05, 1e-9, 0, 0); /* every exposure */
+    adapt(0.05, 1e-9, 0, 0); /* the best there are */
     TEST_ASSERT_EQUAL_UINT(pilot.responses, result.noisy);
-    /* An entry without light scatters by 2e-5 in the pilot, whose exposures are these: what light's own noise adds makes the
-     * entries' part at least (W^2 - 1) times that, over the root of the entries' squares. */
+    /* An entry without light scatters by 2e-5 in the pilot with its exposures; with those that were chosen, and with light,
+     * as the sensor's variances weigh them. */
     double power = 0;
     double shot = 0;
     const double turns[] = {1, 4, 15, 60, 240};
@@ -156,8 +156,8 @@ static void noise_is_foretold_by_the_sensor(void)
         int v = k / WINDOW - HALF;
         double value = u || v ? entry(kind, hypot(u, v)) : 0;
         double weight = 0;
-        for (int e = 0; e < 5; e++) {
-            double t = turns[e] / 30;
+        for (size_t e = 0; e < plan.exposure_count; e++) {
+            double t = plan.exposure_turns[e] / 30;
             double raw = value * 20000 * t;
             double variance = 0.64 + 1.0 / 12 + raw / 15;
             weight += e == 0 || raw + 4 * sqrt(variance) < 1022 - 24 ? t * t / variance : 0;
@@ -172,7 +172,7 @@ static void noise_is_foretold_by_the_sensor(void)
 static void narrow_and_dim_regions_get_long_exposures_alone(void)
 {
     /* On the left narrow and dark, on the right wide and bright. */
-    measure((struct kind){1.2, 0.04}, (struct kind){3, 0.8});
+    measure((struct kind){1.2, 0.02}, (struct kind){3, 0.8});
     adapt(0.05, 0.3, 16, 0);
     TEST_ASSERT_TRUE(plan.region_count > 0);
     TEST_ASSERT_TRUE(result.narrowest < result.widest);
