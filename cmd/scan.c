@@ -8,6 +8,7 @@
 #include "rig/sequence.h"
 
 #include <errno.h>
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -17,6 +18,7 @@ struct scan_settings {
     const char *station, *plan, *calibration;
     bool resume, dry_run, explain;
     int retries;
+    double within;
 };
 
 static const struct option_spec scan_options[] = {
@@ -63,6 +65,17 @@ static const struct option_spec scan_options[] = {
      .fallback = "3",
      .offset = offsetof(struct scan_settings, retries),
      .sentence = "how often a lost or doubtful frame is taken again"},
+    {.name = "within",
+     .letter = 'w',
+     .kind = OPTION_SECONDS,
+     .argument = "TIME",
+     .minimum = 0,
+     .maximum = 1e8,
+     .fallback = "0",
+     .offset = offsetof(struct scan_settings, within),
+     .sentence =
+         "begin no grid that would not be done in this time (90min, 3h); the grids left are "
+         "a random choice, and --resume measures them; 0: no limit"},
     {0}};
 
 /* The settings a scan would use, without making anything. */
@@ -107,14 +120,17 @@ static int open_calibration(const char *path, const struct session *wanted,
 }
 
 /* White and dots are not measured where another session's are taken over. */
-static void spare_calibration(const struct plan *plan, struct sequence_needs *needs)
+static void spare_calibration(const struct session *session, struct sequence_needs *needs)
 {
+    const struct plan *plan = &session->plan;
     size_t spared = (size_t)plan_pattern_count(plan, PATTERN_WHITE) +
                     (size_t)plan_pattern_count(plan, PATTERN_DOTS);
-    double share = (double)(needs->patterns - spared) / (double)needs->patterns;
     needs->patterns -= spared;
     needs->exposures -= spared * plan->exposure_count;
-    needs->seconds *= share;
+    for (size_t e = 0; e < plan->exposure_count; e++) {
+        needs->seconds -=
+            (double)spared * plan->exposure_turns[e] / session->station.projector.wheel_hz;
+    }
 }
 
 static int dry_run(const char *path, const struct scan_settings *settings, bool json,
@@ -134,7 +150,7 @@ static int dry_run(const char *path, const struct scan_settings *settings, bool 
     }
     if (settings->calibration) {
         status = open_calibration(settings->calibration, &session, &calibration, error);
-        spare_calibration(&session.plan, &needs);
+        spare_calibration(&session, &needs);
     }
     if (status == NACRE_OK && (json ? !settings->explain : settings->dry_run)) {
         status = scan_print_plan(&session, &needs, json, error);
@@ -191,6 +207,7 @@ static int measure(const char *path, const struct scan_settings *settings, struc
     struct session session = {0};
     struct sequence_result result;
     const struct sequence_options options = {.retries = settings->retries,
+                                             .within_ns = llround(settings->within * 1e9),
                                              .check_layer = !stand->simulated,
                                              .calibration = calibration->path ? calibration : NULL};
     const struct sequence_operator who = operator_of(stand, person);

@@ -98,11 +98,12 @@ static int print_json(const struct sequence_result *result, const struct station
                                   json_integer((json_int_t)result->retaken[i]));
     }
     return json_print(
-        json_pack("{s:I, s:I, s:I, s:f, s:I, s:I, s:o, s:I, s:f, s:o, s:f, s:I}", "patterns",
-                  (json_int_t)result->patterns, "measured_before", (json_int_t)result->skipped,
-                  "taken_over", (json_int_t)result->taken_over, "moved_px", result->moved_px,
-                  "frames", (json_int_t)result->exposures, "retries", (json_int_t)result->retries,
-                  "retaken", retaken, "insisted", (json_int_t)result->insisted, "station_seconds",
+        json_pack("{s:I, s:I, s:I, s:I, s:f, s:I, s:I, s:o, s:I, s:f, s:o, s:f, s:I}", "patterns",
+                  (json_int_t)result->patterns, "left", (json_int_t)result->left, "measured_before",
+                  (json_int_t)result->skipped, "taken_over", (json_int_t)result->taken_over,
+                  "moved_px", result->moved_px, "frames", (json_int_t)result->exposures, "retries",
+                  (json_int_t)result->retries, "retaken", retaken, "insisted",
+                  (json_int_t)result->insisted, "station_seconds",
                   (double)result->station_ns * 1e-9, "seconds", seconds, "overhead_turns",
                   sequence_overhead_turns(result, station), "bytes", (json_int_t)result->bytes),
         error);
@@ -114,6 +115,10 @@ static void print_text(const struct sequence_result *result, const struct statio
     const char *between = " (";
     printf("%-13s %zu measured, %zu measured before\n", "patterns", result->patterns,
            result->skipped);
+    if (result->left) {
+        printf("%-13s %zu grids for which there was no time; --resume measures them\n", "left",
+               result->left);
+    }
     if (result->taken_over) {
         printf("%-13s %zu patterns taken over; dots moved by %.2f pixels at most\n", "calibration",
                result->taken_over, result->moved_px);

@@ -5,6 +5,7 @@
 #include "rig/calibration_reuse.h"
 #include "rig/sequence_layer.h"
 #include "rig/sequence_writer.h"
+#include "rig/time_limit.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -21,6 +22,7 @@ struct run {
     struct exposer exposer;
     uint8_t *levels; /* [projector height][projector width] */
     struct sequence_layer layer;
+    struct time_limit limit;
     int64_t began_ns; /* on the station's clock; later by what passed on it between runs */
 };
 
@@ -182,6 +184,54 @@ static int check_room(struct run *run, const struct sequence_needs *needs, size_
                                error);
 }
 
+static int64_t exposure_ns_of(const struct session *session, struct pattern pattern)
+{
+    int64_t sum = 0;
+    for (size_t e = 0; e < plan_pattern_exposures(&session->plan, pattern); e++) {
+        sum += session_exposure_ns(session, e);
+    }
+    return sum;
+}
+
+/* Refuse a limit that leaves no time for what comes before the grids, and for one of these. */
+static int check_limit(const struct run *run, const struct pattern *patterns, size_t count,
+                       struct nacre_error *error)
+{
+    const struct session *session = run->session;
+    int64_t needed_ns = 0;
+    bool grid = false;
+    for (size_t i = 0; i < count && !grid; i++) {
+        if (!session_has(session, patterns[i])) {
+            grid = patterns[i].kind == PATTERN_GRID;
+            needed_ns += exposure_ns_of(session, patterns[i]);
+        }
+    }
+    return time_limit_allows(&run->limit, 0, needed_ns)
+               ? NACRE_OK
+               : nacre_fail(error,
+                            "%s: the calibration and one grid take %.2g h of exposing, and %.2g h "
+                            "are allowed; allow more",
+                            session->path, (double)needed_ns / 3.6e12,
+                            (double)run->limit.within_ns / 3.6e12);
+}
+
+/* Grids come last, so what there is no time for is all that is left. */
+static bool has_time(const struct run *run, struct pattern pattern)
+{
+    int64_t passed_ns = clock_now_ns(run->devices->clock) - run->began_ns;
+    return pattern.kind != PATTERN_GRID ||
+           time_limit_allows(&run->limit, passed_ns, exposure_ns_of(run->session, pattern));
+}
+
+static int measure_timed(struct run *run, struct pattern pattern, struct nacre_error *error)
+{
+    int64_t began_ns = clock_now_ns(run->devices->clock);
+    int status = measure(run, pattern, error);
+    time_limit_learn(&run->limit, clock_now_ns(run->devices->clock) - began_ns,
+                     exposure_ns_of(run->session, pattern));
+    return status;
+}
+
 static int measure_missing(struct run *run, const struct pattern *patterns, size_t count,
                            const struct sequence_needs *needs, struct progress *progress,
                            struct nacre_error *error)
@@ -195,6 +245,10 @@ static int measure_missing(struct run *run, const struct pattern *patterns, size
             run->result->skipped++;
             found = true;
             continue;
+        }
+        if (!has_time(run, patterns[i])) {
+            run->result->left = missing - done;
+            break;
         }
         size_t retries = exposer_retries(&run->exposer);
         (void)snprintf(detail, sizeof detail, "%s %d, %zu retries",
@@ -212,7 +266,7 @@ static int measure_missing(struct run *run, const struct pattern *patterns, size
             status = check_room(run, needs, missing - done, error);
         }
         if (status == NACRE_OK) {
-            status = measure(run, patterns[i], error);
+            status = measure_timed(run, patterns[i], error);
         }
         if (status != NACRE_OK) {
             return status;
@@ -320,6 +374,7 @@ int sequence_run(const struct devices *devices, const struct session *session,
         .session = session,
         .person = person,
         .result = result,
+        .limit = {.within_ns = options->within_ns},
         .layer = {.person = person, .clock = devices->clock},
         .exposer = {.devices = devices,
                     .retries = options->retries,
@@ -338,6 +393,10 @@ int sequence_run(const struct devices *devices, const struct session *session,
         goto out;
     }
     status = plan_order(&session->plan, &patterns, &count, error);
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    status = check_limit(&run, patterns, count, error);
     if (status != NACRE_OK) {
         goto out;
     }

@@ -44,7 +44,10 @@ struct sequence_options {
     int retries;          /* of one exposure, after the first try */
     int64_t tolerance_ns; /* by which a frame may begin before or after its trigger; 0: as the
                              station says */
-    bool check_layer;     /* after each change of the white layer look whether it was done */
+    int64_t
+        within_ns; /* on the station's clock, from the run's beginning: no grid is begun that is not foreseen to be
+                             done by then; 0: no limit */
+    bool check_layer; /* after each change of the white layer look whether it was done */
     const struct session *
         calibration; /* of which white and dots frames are taken over where this session has no dots and
                                           nothing has moved; NULL: all are measured */
@@ -68,6 +71,7 @@ struct sequence_times {
 /* What was done; counts what a stopped scan had finished too. */
 struct sequence_result {
     size_t patterns, skipped;  /* measured now; measured before */
+    size_t left;               /* grids that there was no time for */
     size_t exposures, retries; /* kept; taken again */
     size_t retaken[RETAKES];   /* what was taken again, by reason */
     size_t taken_over;         /* calibration frames of another session */
@@ -98,7 +102,8 @@ double sequence_overhead_turns(const struct sequence_result *result, const struc
 /* Measure every pattern that the session lacks. A lost, damaged or unmatched frame is taken again,
  * so often as the options allow. Stops cleanly, with whole files only, when a device or the disk
  * fails or the user asks (NACRE_CANCELLED); what was written is resumed later. Refuses to begin
- * where the devices are not what the session's station file says or the disk is too small. */
+ * where the devices are not what the session's station file says, the disk is too small, or there is too little time for the
+ * calibration and one grid. What there is no time for is left for a later run, and is no failure. */
 int sequence_run(const struct devices *devices, const struct session *session,
                  const struct sequence_operator *person, const struct sequence_options *options,
                  struct progress *progress, struct sequence_result *result,

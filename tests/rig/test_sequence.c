@@ -443,6 +443,62 @@ static void disk_that_fills_up_stops_the_scan_without_torn_files(void)
     TEST_ASSERT_EQUAL_INT(0, count_files("frames", true) + count_files("calibration", true));
 }
 
+static int scan_within(int64_t within_ns)
+{
+    struct virtual_station *station = NULL;
+    const struct sequence_options options = {.within_ns = within_ns};
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, virtual_station_new(&session.station, &station, &error));
+    struct devices devices = {virtual_station_camera(station), virtual_station_projector(station),
+                              virtual_station_trigger(station), virtual_station_clock(station)};
+    const struct sequence_operator person = stage_operator(&log_, station);
+    int status = sequence_run(&devices, &session, &person, &options, NULL, &result, &error);
+    virtual_station_free(station);
+    return status;
+}
+
+/* On the virtual station's clock, at each of many limits: never longer, and no grid less than there was time for. */
+static void scan_is_over_within_its_time(void)
+{
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, scan_within(0));
+    int64_t whole_ns = result.station_ns;
+    TEST_ASSERT_EQUAL_UINT(0, result.left);
+    for (int share = 10; share < 20; share++) {
+        tearDown();
+        setUp();
+        int64_t within_ns = whole_ns * share / 20;
+        TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, scan_within(within_ns), error.text);
+        TEST_ASSERT_TRUE(result.station_ns <= within_ns);
+        TEST_ASSERT_TRUE(result.left > 0 && result.left < STAGE_GRIDS);
+        TEST_ASSERT_EQUAL_UINT(STAGE_PATTERNS - result.left, result.patterns);
+        /* The slowest pattern so far takes twice the mean at most: the white layer's is not counted as overhead of it alone. */
+        double mean_ns = (double)whole_ns / STAGE_PATTERNS;
+        TEST_ASSERT_TRUE((double)(within_ns - result.station_ns) < 3 * mean_ns);
+    }
+}
+
+static void what_there_was_no_time_for_is_resumed(void)
+{
+    uint64_t expected = undisturbed();
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, scan_within(0));
+    int64_t within_ns = result.station_ns * 7 / 10;
+    tearDown();
+    setUp();
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, scan_within(within_ns));
+    size_t left = result.left;
+    TEST_ASSERT_TRUE(left > 0);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, scan_within(0));
+    TEST_ASSERT_EQUAL_UINT(left, result.patterns);
+    TEST_ASSERT_TRUE(hash_frames() == expected);
+}
+
+static void too_little_time_for_a_grid_is_refused(void)
+{
+    /* Five patterns with the layer, two black ones and a grid, of 4 turns of 1/30 s each: 1.07 s of exposing. */
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, scan_within(1000000000));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "calibration and one grid"), error.text);
+    TEST_ASSERT_EQUAL_INT(0, count_patterns());
+}
+
 static void estimate_counts_what_is_missing(void)
 {
     struct sequence_needs needs;
@@ -519,6 +575,9 @@ int main(void)
     RUN_TEST(scan_resumed_after_kills_equals_an_undisturbed_one);
     RUN_TEST(interrupted_scan_leaves_whole_files);
     RUN_TEST(disk_that_fills_up_stops_the_scan_without_torn_files);
+    RUN_TEST(scan_is_over_within_its_time);
+    RUN_TEST(what_there_was_no_time_for_is_resumed);
+    RUN_TEST(too_little_time_for_a_grid_is_refused);
     RUN_TEST(estimate_counts_what_is_missing);
     RUN_TEST(devices_that_differ_from_the_station_file_are_refused);
     RUN_TEST(scan_larger_than_the_disk_is_refused_before_it_begins);
