@@ -22,7 +22,7 @@ struct layout {
     int side, across, down;       /* of the cells */
     uint32_t *heads;     /* [capacity][down][across]: the first point of a grid in a cell */
     uint32_t *next;      /* [points]: in the same cell */
-    uint16_t *exposures; /* [capacity]: of a grid so far */
+    uint16_t *exposures; /* of a grid so far */
     int capacity;
 };
 
@@ -69,29 +69,20 @@ static int by_need(const void *a, const void *b)
     return p->point < q->point ? -1 : p->point > q->point;
 }
 
-static int add_grid(struct layout *layout, struct nacre_error *error)
+/* Room for more grids. */
+static int reserve(struct layout *layout, int capacity, struct nacre_error *error)
 {
     size_t cells = (size_t)layout->across * (size_t)layout->down;
-    if (layout->grids->count == layout->capacity) {
-        int capacity = layout->capacity ? 2 * layout->capacity : layout->side * layout->side;
-        uint32_t *heads = realloc(layout->heads, (size_t)capacity * cells * sizeof *layout->heads);
-        if (!heads) {
-            return nacre_fail_memory(error, "the grids of a plan");
-        }
-        layout->heads = heads;
-        uint16_t *exposures =
-            realloc(layout->exposures, (size_t)capacity * sizeof *layout->exposures);
-        if (!exposures) {
-            return nacre_fail_memory(error, "the grids of a plan");
-        }
-        layout->exposures = exposures;
-        layout->capacity = capacity;
+    uint32_t *heads = realloc(layout->heads, ((size_t)capacity * cells + 1) * sizeof *heads);
+    if (!heads) {
+        (void)nacre_fail_memory(error, "the grids of a plan");
+        return NACRE_FAILED;
     }
-    uint32_t *own = layout->heads + (size_t)layout->grids->count * cells;
-    for (size_t i = 0; i < cells; i++) {
-        own[i] = NONE;
+    layout->heads = heads;
+    for (size_t i = (size_t)layout->capacity * cells; i < (size_t)capacity * cells; i++) {
+        heads[i] = NONE;
     }
-    layout->exposures[layout->grids->count++] = 0;
+    layout->capacity = capacity;
     return NACRE_OK;
 }
 
@@ -174,31 +165,34 @@ static int find_room(const struct layout *layout, const struct candidate *candid
 
 static int lay(struct layout *layout, struct nacre_error *error)
 {
-    const struct plan_grids *grids = layout->grids;
+    struct plan_grids *grids = layout->grids;
     size_t count = points_of(grids);
     qsort(layout->candidates, count, sizeof *layout->candidates, by_need);
     layout->side = layout->candidates[0].spacing;
     layout->across = (grids->width - 1) / layout->side + 1;
     layout->down = (grids->height - 1) / layout->side + 1;
-    layout->next = calloc(count, sizeof *layout->next);
-    if (!layout->next) {
-        return nacre_fail_memory(error, "the grids of a plan");
+    grids->count = layout->side * layout->side;
+    /* No point opens more than one grid. */
+    layout->exposures = calloc((size_t)grids->count + count, sizeof *layout->exposures);
+    layout->next = calloc(count + 1, sizeof *layout->next);
+    if (!layout->exposures || !layout->next) {
+        (void)nacre_fail_memory(error, "the grids of a plan");
+        return NACRE_FAILED;
     }
-    while (grids->count < layout->side * layout->side) {
-        int status = add_grid(layout, error);
-        if (status != NACRE_OK) {
-            return status;
-        }
+    int status = reserve(layout, grids->count, error);
+    if (status != NACRE_OK) {
+        return status;
     }
     for (size_t i = 0; i < count; i++) {
         const struct candidate *candidate = &layout->candidates[i];
         int grid = find_room(layout, candidate);
-        if (grid == grids->count) {
-            int status = add_grid(layout, error);
+        if (grid == layout->capacity) {
+            status = reserve(layout, 2 * layout->capacity, error);
             if (status != NACRE_OK) {
                 return status;
             }
         }
+        grids->count += grid == grids->count;
         put(layout, grid, candidate);
     }
     return NACRE_OK;
@@ -210,7 +204,7 @@ static int list_points(const struct layout *layout, struct nacre_error *error)
     struct plan_grids *grids = layout->grids;
     size_t points = points_of(grids);
     grids->starts = calloc((size_t)grids->count + 2, sizeof *grids->starts);
-    grids->exposures = calloc((size_t)grids->count, sizeof *grids->exposures);
+    grids->exposures = calloc((size_t)grids->count + 1, sizeof *grids->exposures);
     if (!grids->starts || !grids->exposures) {
         return nacre_fail_memory(error, "the grids of a plan");
     }
@@ -263,14 +257,14 @@ int plan_grids_new(const struct plan *plan, int width, int height, struct plan_g
     size_t points = (size_t)width * (size_t)height;
     int status = NACRE_OK;
     *grids = NULL;
-    layout.candidates = calloc(points, sizeof *layout.candidates);
+    layout.candidates = calloc(points + 1, sizeof *layout.candidates);
     if (layout.grids) {
         layout.grids->width = width;
         layout.grids->height = height;
-        layout.grids->points = calloc(points, sizeof *layout.grids->points);
-        layout.grids->grid_of = calloc(points, sizeof *layout.grids->grid_of);
-        layout.grids->places = calloc(points, sizeof *layout.grids->places);
-        layout.grids->spacings = calloc(points, sizeof *layout.grids->spacings);
+        layout.grids->points = calloc(points + 1, sizeof *layout.grids->points);
+        layout.grids->grid_of = calloc(points + 1, sizeof *layout.grids->grid_of);
+        layout.grids->places = calloc(points + 1, sizeof *layout.grids->places);
+        layout.grids->spacings = calloc(points + 1, sizeof *layout.grids->spacings);
     }
     if (!layout.grids || !layout.candidates || !layout.grids->points || !layout.grids->grid_of ||
         !layout.grids->places || !layout.grids->spacings) {

@@ -365,12 +365,13 @@ static size_t make_ladder(const struct plan *pilot_plan, double ladder[LADDER_MA
 {
     double longest = pilot_plan->exposure_turns[pilot_plan->exposure_count - 1];
     size_t count = 0;
-    for (double turns = pilot_plan->exposure_turns[0];
-         turns < longest && count < LADDER_MAXIMUM - 1; turns *= ladder_step) {
+    double turns = pilot_plan->exposure_turns[0];
+    while (turns < longest && count < LADDER_MAXIMUM - 1) {
         double whole = count ? round(turns) : turns;
         if (count == 0 || whole > ladder[count - 1]) {
             ladder[count++] = whole;
         }
+        turns *= ladder_step;
     }
     if (count == 0 || longest > ladder[count - 1]) {
         ladder[count++] = longest;
@@ -525,26 +526,35 @@ int adapt_plan(const struct pilot *pilot, const struct station *station,
     for (int c = 0; c < pilot->channels; c++) {
         search.tails[c] = pilot_tail(pilot, c);
     }
+    int status = NACRE_OK;
     search.bounds = malloc(pilot->responses * sizeof *search.bounds);
     search.halves = malloc(pilot->responses * sizeof *search.halves);
-    int status = search.bounds && search.halves ? make_blocks(&search, error)
-                                                : nacre_fail_memory(error, "the pilot's needs");
-    if (status == NACRE_OK) {
-        status = make_sets(&search, plan, error);
+    if (!search.bounds || !search.halves) {
+        status = nacre_fail_memory(error, "the pilot's needs");
+        goto out;
     }
-    if (status == NACRE_OK) {
-        status = tabulate_noise(&search, error);
+    status = make_blocks(&search, error);
+    if (status != NACRE_OK) {
+        goto out;
     }
-    if (status == NACRE_OK) {
-        status = make_room(plan, error);
+    status = make_sets(&search, plan, error);
+    if (status != NACRE_OK) {
+        goto out;
     }
-    if (status == NACRE_OK) {
-        status = choose_widening(&search, plan, result, error);
+    status = tabulate_noise(&search, error);
+    if (status != NACRE_OK) {
+        goto out;
     }
+    status = make_room(plan, error);
+    if (status != NACRE_OK) {
+        goto out;
+    }
+    status = choose_widening(&search, plan, result, error);
     if (status == NACRE_OK) {
         fill_result(&search, plan, result);
         status = set_profile(pilot, plan, error);
     }
+out:
     free(search.sets);
     free(search.noise);
     free(search.bounds);

@@ -265,7 +265,8 @@ int pilot_profile(const struct pilot *pilot, double **profile, size_t *count,
         for (int r = 0; r <= last; r++) {
             own[r] = fall[r] / (double)entries[r];
         }
-        double rate = pow(own[last] / own[last / 2], 1.0 / (last - last / 2));
+        int from = last / 2;
+        double rate = pow(own[last] / own[from], 1.0 / (last - from));
         for (int r = last + 1; r < pilot->radii; r++) {
             own[r] = fmax(own[r - 1] * fmin(rate, 1), 1e-30);
         }

@@ -121,7 +121,8 @@ static void less_noise_takes_longer(void)
     const struct kind kind = {3, 0.5};
     double before = 0;
     measure(kind, kind);
-    for (double noise = 0.8; noise > 0.06; noise /= 2) {
+    for (int halvings = 0; halvings < 4; halvings++) {
+        double noise = ldexp(0.8, -halvings);
         struct plan wished = plan;
         TEST_ASSERT_EQUAL_INT_MESSAGE(
             NACRE_OK, plan_parse("plan.yaml", plan_text, strlen(plan_text), &wished, &error),

@@ -29,11 +29,12 @@ void setUp(void)
 {
     char text[4096] = "grid_spacing: 8\nwindow: 15\nexposure_turns: [1]\nprofile: [";
     for (int i = 0; i < 3 * RADII; i++) {
-        size_t used = strlen(text);
-        (void)snprintf(text + used, sizeof text - used, "%s%.9g", i ? ", " : "",
+        size_t written = strlen(text);
+        (void)snprintf(text + written, sizeof text - written, "%s%.9g", i ? ", " : "",
                        fall(i / RADII, i % RADII));
     }
-    (void)strcat(text, "]\n");
+    size_t used = strlen(text);
+    (void)snprintf(text + used, sizeof text - used, "]\n");
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, plan_parse("plan", text, strlen(text), &plan, &error),
                                   error.text);
     TEST_ASSERT_EQUAL_INT(NACRE_OK, plan_lay(&plan, "plan", WIDTH, HEIGHT, 3, &error));
@@ -58,9 +59,16 @@ static double reflectance(int p, double variation)
     return 1 + variation * sin(1.1 * p + 2);
 }
 
+static double distance(int p, int q)
+{
+    int across = p % WIDTH - q % WIDTH;
+    int down = p / WIDTH - q / WIDTH;
+    return hypot(across, down);
+}
+
 static double response_at(int channel, int from, int to, double variation)
 {
-    double r = hypot(from % WIDTH - to % WIDTH, from / WIDTH - to / WIDTH);
+    double r = distance(from, to);
     return strength(from, variation) * reflectance(to, variation) * fall(channel, r);
 }
 
@@ -204,7 +212,7 @@ static void a_tail_lost_in_noise_does_not_cost_the_middle(void)
         double middle = 0;
         for (uint32_t k = laid->starts[20]; k < laid->starts[21]; k++) {
             int p = (int)laid->points[k];
-            double r = hypot(p % WIDTH - i % POINTS % WIDTH, p / WIDTH - i % POINTS / WIDTH);
+            double r = distance(p, i % POINTS);
             middle += exp(-3 * r);
         }
         picture[i] = (float)(middle + 1e-3 * made_normal(&random));
