@@ -141,7 +141,7 @@ static void check_disk(struct visit *visit)
                    "not checked, as the station file names no plan");
         return;
     }
-    int status = plan_read(path, &plan, &error);
+    int status = session_read_plan(path, &visit->station, &plan, &error);
     if (status == NACRE_OK) {
         status = sequence_estimate(&visit->station, &plan, NULL, &needs, &error);
         plan_finish(&plan);

@@ -130,7 +130,7 @@ static int print_json(const char *output, const struct choice *choice, struct na
 
 static void print_needs(const struct choice *choice)
 {
-    (void)printf("%-13s %.2f h of exposing, at most %.1f MiB\n", "scan",
+    (void)printf("%-13s %.3g h of exposing, at most %.1f MiB\n", "scan",
                  choice->needs.seconds / 3600, (double)choice->needs.bytes / 1048576);
 }
 
@@ -158,7 +158,7 @@ static void print_adapted(const struct choice *choice)
             to->widened);
     }
     print_needs(choice);
-    (void)printf("%-13s %.2f h with the pilot's exposures and a spacing of %d\n", "",
+    (void)printf("%-13s %.3g h with the pilot's exposures and a spacing of %d\n", "",
                  choice->whole_seconds / 3600, plan->window);
 }
 

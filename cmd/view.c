@@ -108,7 +108,7 @@ static int draw(struct view *view, int pattern, struct nacre_error *error)
     const struct projector *projector = view->stand.devices.projector;
     struct plan plan = {.dot_spacing = 10, .dot_shift = 10, .dot_size = 2, .grid_spacing = 10};
     if (view->station.plan) {
-        int status = plan_read(view->station.plan, &plan, error);
+        int status = session_read_plan(view->station.plan, &view->station, &plan, error);
         if (status != NACRE_OK) {
             return status;
         }

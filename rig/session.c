@@ -109,15 +109,18 @@ static int lock(struct session *session, struct nacre_error *error)
     return NACRE_OK;
 }
 
-/* Read a plan, and lay it over the station's sample. */
-static int read_plan(const char *path, struct session *session, struct nacre_error *error)
+int session_read_plan(const char *path, const struct station *station, struct plan *plan,
+                      struct nacre_error *error)
 {
-    const struct station *station = &session->station;
-    int status = plan_read(path, &session->plan, error);
-    return status == NACRE_OK
-               ? plan_lay(&session->plan, path, station->sample.width, station->sample.height,
-                          station->camera.bayer == BAYER_MONO ? 1 : 3, error)
-               : status;
+    int status = plan_read(path, plan, error);
+    if (status == NACRE_OK) {
+        status = plan_lay(plan, path, station->sample.width, station->sample.height,
+                          station->camera.bayer == BAYER_MONO ? 1 : 3, error);
+    }
+    if (status != NACRE_OK) {
+        plan_finish(plan);
+    }
+    return status;
 }
 
 int session_read_settings(const char *station_path, const char *plan_path, struct session *session,
@@ -131,7 +134,8 @@ int session_read_settings(const char *station_path, const char *plan_path, struc
         return nacre_fail(error, "%s: names no plan; add the key plan or name a plan file (--plan)",
                           station_path);
     }
-    status = read_plan(plan_path ? plan_path : session->station.plan, session, error);
+    status = session_read_plan(plan_path ? plan_path : session->station.plan, &session->station,
+                               &session->plan, error);
     free(session->station.plan); /* the session has its own */
     session->station.plan = NULL;
     return status;
@@ -151,7 +155,7 @@ static int read_own_settings(struct session *session, struct nacre_error *error)
     if (status != NACRE_OK) {
         goto out;
     }
-    status = read_plan(plan_path, session, error);
+    status = session_read_plan(plan_path, &session->station, &session->plan, error);
     if (status == NACRE_OK) {
         status = session_id_read(session, error);
     }

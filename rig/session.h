@@ -47,6 +47,10 @@ struct pattern_frames {
         *origin; /* the session that it is taken over from, for writing; NULL: measured here */
 };
 
+/* Read a plan and lay it over the station's sample; plan_finish frees. */
+int session_read_plan(const char *path, const struct station *station, struct plan *plan,
+                      struct nacre_error *error);
+
 /* Read the settings that a session would be measured with into session->station and session->plan. */
 int session_read_settings(const char *station_path, const char *plan_path, struct session *session,
                           struct nacre_error *error);

@@ -204,6 +204,23 @@ static void values_to_keep_are_printed(void)
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(ran.output, "keep       camera: {width: "), ran.output);
 }
 
+static void grids_of_regions_are_shown(void)
+{
+    char *plan = path_join(folder, "plan.yaml");
+    size_t size = 0;
+    char *text = (char *)file_read(plan, &size);
+    char *more = NULL;
+    TEST_ASSERT_TRUE(asprintf(&more,
+                              "%sregions: [{x: 0, y: 0, width: 20, height: 8, spacing: 13, "
+                              "longest_turns: 8}]\n",
+                              text) > 0);
+    text_write(plan, more);
+    view("grid", NULL);
+    free(more);
+    free(text);
+    free(plan);
+}
+
 static void picture_of_unknown_kind_is_refused(void)
 {
     const char *const arguments[] = {program, "view",       "--station", station,
@@ -233,6 +250,7 @@ int main(int argc, char **argv)
     RUN_TEST(station_in_the_dark_has_no_region);
     RUN_TEST(grey_cameras_are_looked_through_too);
     RUN_TEST(values_to_keep_are_printed);
+    RUN_TEST(grids_of_regions_are_shown);
     RUN_TEST(picture_of_unknown_kind_is_refused);
     RUN_TEST(output_is_needed);
     return UNITY_END();
