@@ -3,15 +3,19 @@
 paper's: responses are computed (nacre simulate), factored by the paper's method (hard clusters, multiplicative updates,
 floats) and with a kernel for each term.
 
-usage: table1.py NACRE FOLDER [--small] [--show] [--samples NAME,...] [--iterations N] [--checkpoint-every TIME] [--device NAME]
+usage: table1.py NACRE FOLDER [--small] [--show] [--samples NAME,...] [--scanned NAME,...] [--write] [--iterations N]
+       [--checkpoint-every TIME] [--device NAME]
 
---small takes stand-ins a quarter as wide. --show prints what is there and computes nothing. All of it takes hours;
-whatever was finished is kept, and the paper's method goes on from its checkpoint, when the command is given again.
+--small takes stand-ins a quarter as wide. --scanned tells of those samples, too, what comes of responses that are measured:
+on the virtual station of the candle (nacre scan, nacre develop), beside the ones computed. --show prints what is there and
+computes nothing; --write puts the tables into docs/accuracy.md. All of it takes hours; whatever was finished is kept, and
+the paper's method goes on from its checkpoint, when the command is given again.
 """
 import argparse
 import hashlib
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -31,6 +35,12 @@ ROWS = {
 }
 # What takes least comes first.
 ORDER = ['marble-close', 'marble-dense', 'marble-slight', 'marble-8x8', 'candle', 'onyx-lines', 'crystal-onyx', 'marble-4x4']
+DOCUMENT = os.path.join(ROOT, 'docs/accuracy.md')
+# What --scanned scans by: its grids are put as far apart as the window is wide, or twice that where more light than this falls
+# outside of it, and would fall into the windows of neighbours.
+OUTSIDE = 0.01
+STATION = os.path.join(ROOT, 'tests/bench/candle/station.yaml')
+PLAN = os.path.join(ROOT, 'tests/bench/candle/plan.yaml')
 # Terms with a kernel each that are tried, until the error is below the paper's method's.
 LADDER = [8, 16, 24, 32]
 running = {'child': None, 'stopped_by': 0}
@@ -95,33 +105,105 @@ def sample_of(name):
     return path, window // 4 | 1 if options.small else window, terms, clusters
 
 
+def changed(path, output, changes):
+    """A copy of a settings file in which patterns are replaced, each where it is found once."""
+    with open(path, encoding='utf-8') as file:
+        text = file.read()
+    for pattern, value in changes:
+        text, count = re.subn(pattern, value, text)
+        assert count == 1, pattern
+    with open(output, 'w', encoding='utf-8') as file:
+        file.write(text)
+    return text
+
+
+def write_station(folder, path, exact):
+    """A station with this sample and as many camera pixels a point as the candle's; what tells it from others."""
+    width, height, window = (exact[key] for key in ('width', 'height', 'window'))
+    spacing = window if exact['outside_mean'] < OUTSIDE else 2 * window
+    wide, high = (round(4 * points * 1.038 / 8) * 8 for points in (width, height))
+    station = changed(STATION, os.path.join(folder, 'station.yaml'),
+                      [(r'(?m)^sample: .*', f'sample: {{width: {width}, height: {height}, pitch_mm: {exact["pitch_mm"]:g}}}'),
+                       (r'width: 880, height: 640', f'width: {wide}, height: {high}'), (r'(?m)^  sample: .*', f'  sample: {path}')])
+    plan = changed(PLAN, os.path.join(folder, 'plan.yaml'),
+                   [(r'(?m)^grid_spacing: .*', f'grid_spacing: {spacing}'), (r'(?m)^window: .*', f'window: {window}')])
+    return hashlib.sha256((station.replace(path, '') + plan).encode()).hexdigest()[:16]
+
+
 def measure(name):
-    """All steps of one sample, as far as they have been made."""
-    path, window, terms, clusters = sample_of(name)
+    """All steps of one sample with responses computed, as far as they have been made."""
+    path, window, _, _ = sample_of(name)
     folder = os.path.join(options.folder, name)
     os.makedirs(folder, exist_ok=True)
-    with open(path, 'rb') as file:
-        sample = hashlib.sha256(file.read()).hexdigest()[:16]
+    sample = digest(path)
     made = {'scan': run(folder, 'scan', f'{sample} {window}', 'simulate', path, '-o', 'scan.exr', '--window', str(window))}
-    if not made['scan']:
-        return made
-    key = f'{sample} {window} {options.iterations}'
-    made['paper'] = run(folder, 'paper', f'{key} {terms} {clusters}', 'factor', 'scan.exr', '-o', 'paper.exr', '--model', 'clusters',
-                        '--method', 'mu', '--terms', str(terms), '--clusters', str(clusters), '--iterations', str(options.iterations),
-                        '--tolerance', '0', '--store', 'float', '--checkpoint', 'paper.checkpoint', '--checkpoint-every', options.checkpoint_every)
-    if not made['paper']:
-        return made
-    for count in LADDER:
-        made['ours'] = run(folder, f'terms-{count}', f'{sample} {window} {count}', 'factor', 'scan.exr', '-o',
-                           f'terms-{count}.exr', '--model', 'terms', '--terms', str(count), '--iterations', '200')
+    made['paper'] = factor_as_paper(name, folder, f'{sample} {window}') if made['scan'] else {}
+    for count in LADDER if made['paper'] else []:
+        made['ours'] = factor_by_terms(folder, f'{sample} {window}', count)
         if not made['ours'] or is_better(made):
-            return made
+            break
     return made
 
 
+def measure_scanned(name, exact):
+    """The same with responses that were scanned and developed; all are compared with the exact, too."""
+    path = sample_of(name)[0]
+    folder = os.path.join(options.folder, name + '-scanned')
+    os.makedirs(folder, exist_ok=True)
+    key = f'{digest(path)} {write_station(folder, path, exact["scan"]["result"])}'
+    begun = os.path.exists(os.path.join(folder, 'session/session.yaml'))
+    made = {'session': run(folder, 'session', key, 'scan', 'session', *(['--resume'] if begun else ['--station', 'station.yaml']))}
+    if not made['session']:
+        return made
+    begun = os.path.exists(os.path.join(folder, 'scan.exr.work'))
+    made['scan'] = run(folder, 'scan', key, 'develop', 'session', '-o', 'scan.exr', *(['--resume'] if begun else []))
+    if not made['scan']:
+        return made
+    made['scan error'] = compare(folder, key, name, 'scan')
+    made['paper'] = factor_as_paper(name, folder, key)
+    if made['paper']:
+        made['paper error'] = compare(folder, f'{key} {options.iterations}', name, 'paper')
+    # More parameters come nearer to the scan's noise, too; who is better is told by the exact responses.
+    for count in LADDER if made['paper'] else []:
+        made['ours'] = factor_by_terms(folder, key, count)
+        if made['ours']:
+            made['ours error'] = compare(folder, key, name, f'terms-{count}')
+        if not made['ours'] or is_better(made):
+            break
+    return made
+
+
+def compare(folder, key, name, output):
+    return run(folder, f'{output}-error', key, 'error', f'../{name}/scan.exr', f'{output}.exr')
+
+
+def digest(path):
+    with open(path, 'rb') as file:
+        return hashlib.sha256(file.read()).hexdigest()[:16]
+
+
+def factor_as_paper(name, folder, sample):
+    _, _, terms, clusters = sample_of(name)
+    return run(folder, 'paper', f'{sample} {options.iterations} {terms} {clusters}', 'factor', 'scan.exr', '-o', 'paper.exr',
+               '--model', 'clusters', '--method', 'mu', '--terms', str(terms), '--clusters', str(clusters), '--iterations',
+               str(options.iterations), '--tolerance', '0', '--store', 'float', '--checkpoint', 'paper.checkpoint',
+               '--checkpoint-every', options.checkpoint_every)
+
+
+def factor_by_terms(folder, sample, count):
+    return run(folder, f'terms-{count}', f'{sample} {count}', 'factor', 'scan.exr', '-o', f'terms-{count}.exr', '--model', 'terms',
+               '--terms', str(count), '--iterations', '200')
+
+
 def is_better(made):
-    ours, paper = made['ours']['result'], made['paper']['result']
-    return ours['error']['mean'] < paper['error']['mean'] and ours['bytes_factored'] <= paper['bytes_factored']
+    """Whether a kernel a term has a lower error than the paper's method, against the exact responses, in fewer bytes."""
+    ours, paper = (mean_error(made, way) for way in ('ours', 'paper'))
+    return ours < paper and made['ours']['result']['bytes_factored'] <= made['paper']['result']['bytes_factored']
+
+
+def mean_error(made, way):
+    """Against the exact: those that were factored, unless they were scanned."""
+    return made.get(way + ' error', made[way])['result']['error']['mean']
 
 
 def size(count):
@@ -141,8 +223,8 @@ def cells(made):
             f'{made["processor_seconds"]:.0f}']
 
 
-def table(results):
-    """Two tables in Markdown: sizes and errors beside the paper's, and what a kernel for each term makes of it."""
+def table(results, scanned):
+    """Tables in Markdown: sizes and errors beside the paper's, what a kernel for each term makes of it, and what scanning does."""
     lines = ['| sample | points | K | terms | clusters | responses: paper | ours | factored: paper | ours | ratio: paper | ours |'
              ' error: paper, its scan | ours, paper\'s method on the stand-in |', '| --- ' * 13 + '|']
     for name, made in results.items():
@@ -162,24 +244,61 @@ def table(results):
             verdict = '' if not made.get('ours') else 'yes' if is_better(made) else 'no'
             lines.append(f'| {ROWS[name][0]} | {made["scan"]["processor_seconds"]:.0f} | {paper[1]} | {paper[3]} | {paper[4]} | '
                          f'{ours[0]} | {ours[1]} | {ours[2]} | {ours[3]} | {ours[4]} | {verdict} |')
+    if scanned:
+        lines += scanned_table(results, scanned)
     return '\n'.join(lines) + '\n'
+
+
+def scanned_table(results, scanned):
+    """Measured responses beside computed ones, and what is made of both."""
+    lines = ['', '| sample | responses | error against the exact | s | paper\'s method: error min/avg/max | against the exact | s |'
+             ' a kernel a term: terms | size | error min/avg/max | against the exact | s |', '| --- ' * 12 + '|']
+    for name, made in scanned.items():
+        for title, way in (('computed', results[name]), ('scanned, developed', made)):
+            if way.get('scan'):
+                seconds = way['scan']['processor_seconds'] + way.get('session', {}).get('processor_seconds', 0)
+                paper, ours = cells(way.get('paper')), cells(way.get('ours'))
+                lines.append(f'| {ROWS[name][0]} | {title} | {against_exact(way, "scan")} | {seconds:.0f} | {paper[3]} | '
+                             f'{against_exact(way, "paper")} | {paper[4]} | {ours[0]} | {ours[1]} | {ours[3]} | '
+                             f'{against_exact(way, "ours")} | {ours[4]} |')
+    return lines
+
+
+def against_exact(made, which):
+    """The mean error of a scan or a material against computed responses, where it was told."""
+    told = made.get(which + ' error', {}).get('result')
+    return f'{told.get("error", told)["mean"]:.4f}' if told else ''
+
+
+def write(text):
+    """Put the tables between the marks of the document."""
+    marks = re.compile(r'(<!-- begin table1 -->\n).*?(<!-- end table1 -->\n)', re.DOTALL)
+    with open(DOCUMENT, encoding='utf-8') as file:
+        before = file.read()
+    with open(DOCUMENT, 'w', encoding='utf-8') as file:
+        file.write(marks.sub(lambda found: found[1] + text + found[2], before))
 
 
 def main():
     names = options.samples.split(',') if options.samples else ORDER
-    unknown = [name for name in names if name not in ROWS]
+    to_scan = options.scanned.split(',') if options.scanned else []
+    unknown = [name for name in names + to_scan if name not in ROWS]
     if unknown:
         sys.exit(f'table1: no sample is called {unknown[0]}; there are {", ".join(ROWS)}')
     os.makedirs(options.folder, exist_ok=True)
-    results = {}
-    for name in names:
+    results, scanned = {}, {}
+    for name in names + [name for name in to_scan if name not in names]:
         results[name] = measure(name)
-        text = table({name: results[name] for name in ROWS if name in results})
+        if name in to_scan and results[name].get('ours'):
+            scanned[name] = measure_scanned(name, results[name])
+        text = table({name: results[name] for name in ROWS if name in results}, scanned)
         if not options.show:
             with open(os.path.join(options.folder, 'table1.md'), 'w', encoding='utf-8') as file:
                 file.write(text)
     print(text, end='')
-    done = [made for made in results.values() if made.get('ours')]
+    if options.write:
+        write(text)
+    done = [made for made in [*results.values(), *scanned.values()] if made.get('ours')]
     return 1 if any(not is_better(made) for made in done) else 0
 
 
@@ -189,6 +308,8 @@ parser.add_argument('folder')
 parser.add_argument('--small', action='store_true')
 parser.add_argument('--show', action='store_true')
 parser.add_argument('--samples')
+parser.add_argument('--scanned')
+parser.add_argument('--write', action='store_true')
 parser.add_argument('--iterations', type=int, default=1000)
 parser.add_argument('--checkpoint-every', default='1min')
 parser.add_argument('--device')
