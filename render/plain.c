@@ -9,7 +9,7 @@ enum {
     VERTICES_A_STEP = 4096,
 };
 
-static const double edge_pixels = 8;
+static const double edge_pixels = 8, contact_pixels = 0.4;
 
 struct view {
     struct vec3 position, forward;
@@ -17,6 +17,7 @@ struct view {
     double cos_corner; /* of the angle to the picture's corner, with a margin */
     bool around;       /* the camera goes round the vertical through `at` */
     struct vec3 at;
+    const struct world *others; /* or NULL */
 };
 
 /* Where the camera comes nearest to a point. */
@@ -41,11 +42,14 @@ static double allowed_in_view(const void *context, struct vec3 a, struct vec3 b)
     if (!view->around && off - reach > acos(view->cos_corner)) {
         return HUGE_VAL; /* out of the picture */
     }
-    return fmax(distance - half, distance / 4) * view->pixel * edge_pixels;
+    double pixel_mm = fmax(distance - half, distance / 4) * view->pixel;
+    bool cut = view->others && 2 * half > contact_pixels * pixel_mm &&
+               2 * half <= edge_pixels * pixel_mm && world_crossed(view->others, a, b);
+    return pixel_mm * (cut ? contact_pixels : edge_pixels);
 }
 
-int plain_refine(struct mesh *mesh, const struct scene *scene, bool around, size_t limit,
-                 struct nacre_error *error)
+int plain_refine(struct mesh *mesh, const struct scene *scene, bool around,
+                 const struct world *others, size_t limit, struct nacre_error *error)
 {
     const struct scene_camera *camera = &scene->camera;
     struct vec3 low, high, position = vec3_from_doubles(camera->position_mm);
@@ -60,6 +64,7 @@ int plain_refine(struct mesh *mesh, const struct scene *scene, bool around, size
         .pixel = 2 * half / scene->image.width,
         .around = around,
         .at = vec3_from_doubles(camera->at_mm),
+        .others = others,
         .cos_corner = cos(fmin(atan(half * hypot(1, aspect)) * 1.05, 1.5)),
     };
     if (mesh_subdivide(mesh, mesh_edge_even, &even, limit, &limited, error) != NACRE_OK) {

@@ -7,10 +7,13 @@
 #include "render/irradiance.h"
 #include "render/mesh.h"
 #include "render/scene.h"
+#include "render/world.h"
 
-/* Split edges that the camera would see longer than a few pixels, also while it goes `around` what it looks at. */
-int plain_refine(struct mesh *mesh, const struct scene *scene, bool around, size_t limit,
-                 struct nacre_error *error);
+/* Split edges that the camera would see longer than a few pixels, also while it goes `around` what it looks at; and where
+ * one of the `others` (or NULL) cuts an edge, as it does where it stands on the mesh, longer than half of one: a vertex below it
+ * is dark, and would draw a dark tooth out from under it. */
+int plain_refine(struct mesh *mesh, const struct scene *scene, bool around,
+                 const struct world *others, size_t limit, struct nacre_error *error);
 
 enum {
     PLAIN_RAYS = 144,         /* to a soft light: the steps of a penumbra vanish between them */

@@ -81,15 +81,40 @@ static bool lights_plain(const struct stage *stage)
            (render_has(effects, RENDER_SOFT_LIGHT) && !stage->settings->povray_shadows);
 }
 
+/* All objects but one, as they are by now; NULL: there are no others. */
+static int make_others(const struct stage *stage, const struct stage_object *but,
+                       struct world **world, struct nacre_error *error)
+{
+    size_t count = 0;
+    const struct mesh **meshes = calloc(stage->scene->object_count, sizeof *meshes);
+    if (!meshes) {
+        return nacre_fail_memory(error, "the scene");
+    }
+    for (size_t i = 0; i < stage->scene->object_count; i++) {
+        if (&stage->objects[i] != but) {
+            meshes[count++] = &stage->objects[i].mesh;
+        }
+    }
+    int status = count > 0 ? world_new(meshes, count, world, error) : NACRE_OK;
+    free(meshes);
+    return status;
+}
+
 static int refine_plain(const struct stage *stage, struct stage_object *prepared,
                         struct nacre_error *error)
 {
+    struct world *others = NULL;
     if (!lights_plain(stage)) {
         return NACRE_OK;
     }
-    if (plain_refine(&prepared->mesh, stage->scene, stage->settings->turns,
-                     stage->settings->triangle_limit, error) != NACRE_OK) {
-        return NACRE_FAILED;
+    int status = make_others(stage, prepared, &others, error);
+    if (status == NACRE_OK) {
+        status = plain_refine(&prepared->mesh, stage->scene, stage->settings->turns, others,
+                              stage->settings->triangle_limit, error);
+    }
+    world_free(others);
+    if (status != NACRE_OK) {
+        return status;
     }
     prepared->light = calloc(prepared->mesh.vertex_count + 1, sizeof *prepared->light);
     prepared->soft = calloc(prepared->mesh.vertex_count + 1, sizeof *prepared->soft);

@@ -122,11 +122,8 @@ struct vec3 world_place(const struct mesh *mesh, const struct world_hit *hit)
     return vec3_along(p, hit->b2, vec3_from(mesh->positions[corners[2]]));
 }
 
-bool world_blocked(const struct world *world, struct vec3 surface, struct vec3 normal,
-                   struct vec3 other)
+static bool occluded(const struct world *world, struct vec3 start, struct vec3 way, float length)
 {
-    struct vec3 start = vec3_along(surface, world->lift_mm, normal);
-    struct vec3 way = vec3_subtract(other, start);
     struct RTCIntersectContext context;
     struct RTCRay ray = {.org_x = (float)start.x,
                          .org_y = (float)start.y,
@@ -134,11 +131,32 @@ bool world_blocked(const struct world *world, struct vec3 surface, struct vec3 n
                          .dir_x = (float)way.x,
                          .dir_y = (float)way.y,
                          .dir_z = (float)way.z,
-                         .tfar = 0.99999F,
+                         .tfar = length,
                          .mask = UINT32_MAX};
     rtcInitIntersectContext(&context);
     rtcOccluded1(world->scene, &context, &ray);
     return ray.tfar < 0;
+}
+
+bool world_blocked(const struct world *world, struct vec3 surface, struct vec3 normal,
+                   struct vec3 other)
+{
+    struct vec3 start = vec3_along(surface, world->lift_mm, normal);
+    return occluded(world, start, vec3_subtract(other, start), 0.99999F);
+}
+
+bool world_crossed(const struct world *world, struct vec3 a, struct vec3 b)
+{
+    struct vec3 way = vec3_subtract(b, a);
+    struct vec3 sides[2] = {vec3_perpendicular(vec3_unit(way))};
+    sides[1] = vec3_cross(vec3_unit(way), sides[0]);
+    for (int k = 0; k < 4; k++) {
+        double lift = k % 2 ? world->lift_mm : -world->lift_mm;
+        if (occluded(world, vec3_along(a, lift, sides[k / 2]), way, 1)) {
+            return true;
+        }
+    }
+    return false;
 }
 
 bool world_look(const struct world *world, struct vec3 surface, struct vec3 normal,

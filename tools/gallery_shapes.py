@@ -12,6 +12,7 @@ import sys
 AROUND = 256    # columns of the vessel
 CELLS = 317     # of the terrain on a side: 2 * 317^2 = 200,978 triangles
 OCTAVES = 7
+BASE, BEVEL = 0.013, 0.012    # height and slope's width of the slab that the terrain is cut from
 
 
 def write_ply(path, vertices, triangles):
@@ -82,7 +83,7 @@ def sample(lattice, x, y):
 
 
 def terrain(path):
-    """Ridges and valleys of fractal noise on a square of side 1, edges sunk to the ground."""
+    """Ridges and valleys of fractal noise on a bevelled slab of side 1."""
     generator = random.Random(7)
     layers = [(3 * 2 ** k, noise_lattice(generator, 3 * 2 ** k)) for k in range(OCTAVES)]
     vertices = []
@@ -97,7 +98,8 @@ def terrain(path):
                 weight *= 0.42
             rim = min(x, 1 - x, y, 1 - y) / 0.12
             sink = 1 if rim >= 1 else rim * rim * (3 - 2 * rim)
-            vertices.append((x - 0.5, y - 0.5, 0.085 * height * sink, x, y))
+            bevel = min(1, min(x, 1 - x, y, 1 - y) / BEVEL)
+            vertices.append((x - 0.5, y - 0.5, BASE * bevel + 0.085 * height * sink, x, y))
     write_ply(path, vertices, grid(CELLS, CELLS))
 
 

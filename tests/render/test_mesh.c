@@ -1,5 +1,6 @@
 /* Meshes: built-in shapes, loading, checking, splitting. */
 #include "render/mesh.h"
+#include "render/plain.h"
 #include "tests/nacre/scratch.h"
 
 #include <math.h>
@@ -341,9 +342,54 @@ static void a_placed_mesh_stands_on_its_position(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 2, back.y);
 }
 
+/* The longest edge of the ground that goes out from under a box of side 20, in pixels at the distance of its far end. */
+static double longest_below(const struct world *box, const struct scene *scene)
+{
+    double pixel = 2 * tan(scene->camera.angle_deg / 2 * pi / 180) / scene->image.width, most = 0;
+    mesh_finish(&mesh);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, mesh_make_quad(&mesh, 200, 200, &error));
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, plain_refine(&mesh, scene, false, box, 100000, &error));
+    for (size_t i = 0; i < 3 * mesh.triangle_count; i++) {
+        const uint32_t *t = mesh.triangles[i / 3];
+        struct vec3 a = vec3_from(mesh.positions[t[i % 3]]),
+                    b = vec3_from(mesh.positions[t[(i + 1) % 3]]);
+        if (fmax(fabs(a.x), fabs(a.y)) < 10 && fmax(fabs(b.x), fabs(b.y)) > 10) {
+            double away =
+                vec3_length(vec3_subtract(b, vec3_from_doubles(scene->camera.position_mm)));
+            most = fmax(most, vec3_length(vec3_subtract(b, a)) / away / pixel);
+        }
+    }
+    return most;
+}
+
+/* A vertex below the box gets no light, and an edge from it would draw that out into the open: no longer than half a
+ * pixel (what is allowed there is 0.4, at the edge's near end). Elsewhere edges are as long as ever, 8 pixels. */
+static void a_ground_is_split_finely_round_what_stands_on_it(void)
+{
+    const double sides[3] = {20, 20, 20};
+    struct scene scene = {.camera = {.position_mm = {30, -150, 90}, .angle_deg = 20},
+                          .image = {.width = 200, .height = 150}};
+    struct mesh box;
+    const struct mesh *meshes[1] = {&box};
+    struct world *world = NULL;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, mesh_make_box(&box, sides, &error));
+    struct motion stand = mesh_placement(&box, (const double[3]){0, 0, 0}, (struct vec3){0, 0, 0});
+    mesh_move(&box, &stand);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, world_new(meshes, 1, &world, &error));
+    double alone = longest_below(NULL, &scene);
+    size_t few = mesh.triangle_count;
+    double below = longest_below(world, &scene);
+    world_free(world);
+    mesh_finish(&box);
+    TEST_ASSERT_TRUE(alone > 4);
+    TEST_ASSERT_TRUE(below > 0 && below <= 0.5);
+    TEST_ASSERT_TRUE(mesh.triangle_count > few && mesh.triangle_count < 10 * few);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
+    RUN_TEST(a_ground_is_split_finely_round_what_stands_on_it);
     RUN_TEST(shapes_have_their_size_and_face_outwards);
     RUN_TEST(texture_coordinates_of_shapes_are_in_mm);
     RUN_TEST(splitting_leaves_no_long_edge_no_crack_and_the_same_surface);
