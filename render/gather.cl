@@ -1,6 +1,7 @@
 /* Light gathered by 16 receivers at a time: near by, sample by sample and surface point by surface point for each vertex;
  * farther on, from moments of squares for posts (posts.h), whose sums for each term the vertices share and multiply by
- * their H. gather_reference.c is the same in double precision, sample by sample. What is specialised, by -D: */
+ * their H. gather_reference.c is the same in double precision, sample by sample. Short loops over terms and basis
+ * kernels are unrolled: only then do their sums stay in registers. What is specialised, by -D: */
 #ifndef TERMS4
 #define TERMS4 1 /* terms / 4 */
 #endif
@@ -53,7 +54,7 @@ struct bundle {
 };
 
 struct source {
-    float px, py, pz, x, y, red, green, blue, nx, ny, nz, middle[3], variance;
+    float px, py, pz, x, y, red, green, blue, nx, ny, nz, middle[3];
     int chart;
     uint texel;
 };
@@ -152,40 +153,38 @@ INLINE float16 between16(__global const float16 *g, int right, int down, float f
     return fma(lower - upper, (float16)fy, upper);
 }
 
-INLINE float4 between4(__global const float4 *g, int right, int down, float fx, float fy)
+/* Of entries of which the next along x follows: both rows at once. */
+INLINE float4 between4(__global const float4 *g, int down, float fx, float fy)
 {
-    float4 upper = fma(g[right] - g[0], (float4)fx, g[0]);
-    float4 lower = fma(g[down + right] - g[down], (float4)fx, g[down]);
-    return fma(lower - upper, (float4)fy, upper);
+    float8 upper = vload8(0, (__global const float *)g), lower = vload8(0, (__global const float *)(g + down));
+    float8 row = fma(lower - upper, (float8)fy, upper);
+    return fma(row.hi - row.lo, (float4)fx, row.lo);
 }
 
 /* What one receiver sees of one source. */
 struct sight {
     uint texel;
     int column, place, side;
-    float fx, fy, variance;
+    float fx, fy;
 };
 
-/* sum_t F H G by colour. `bends` counts times the variance; NULL for single samples. */
+/* sum_t F H G by colour. */
 INLINE float4 response(const struct sight *at, __global const float16 *factors, __global const float16 *h,
-                __global const float4 *kernels, __global const float4 *bends, __global const uint *ids,
-                __global const float *weights)
+                __global const float4 *kernels, __global const uint *ids, __global const float *weights)
 {
     __global const float16 *f = factors + (size_t)at->texel * TERMS4;
     float16 sum = 0;
 #if PER_TERM
     __global const float16 *g = (__global const float16 *)kernels + (size_t)at->place * TERMS4;
-    __global const float16 *d = (__global const float16 *)bends + (size_t)at->place * TERMS4;
+#pragma unroll
     for (int k = 0; k < TERMS4; k++) {
         float16 value = between16(g + k, TERMS4, at->side * TERMS4, at->fx, at->fy);
-        if (bends) {
-            value = fma(between16(d + k, TERMS4, at->side * TERMS4, at->fx, at->fy), (float16)at->variance, value);
-        }
         sum = fma(f[k] * h[k], value, sum);
     }
     return fold(sum);
 #else
     float4 value = 0;
+#pragma unroll
     for (int k = 0; k < TERMS4; k++) {
         sum = fma(f[k], h[k], sum);
     }
@@ -193,10 +192,7 @@ INLINE float4 response(const struct sight *at, __global const float16 *factors, 
         size_t id =
             ONE_KERNEL ? 0 : ids[(size_t)at->texel * MIXED + a] * (CLUSTERS ? CLUSTERS : 1) + at->column;
         size_t entry = id * (at->side * at->side) + at->place;
-        float4 part = between4(kernels + entry, 1, at->side, at->fx, at->fy);
-        if (bends && at->variance > 0) {
-            part = fma(between4(bends + entry, 1, at->side, at->fx, at->fy), (float4)at->variance, part);
-        }
+        float4 part = between4(kernels + entry, at->side, at->fx, at->fy);
         value += (MIXED > 1 ? weights[(size_t)at->texel * MIXED + a] : 1.0f) * part;
     }
     return fold(sum) * value;
@@ -211,6 +207,33 @@ INLINE int2 seen_point(const struct bundle *to, const struct offsets *o, int j)
                   wrap(convert_int_rtn(LANE(to->x, float, j) - LANE(o->dx, float, j)), WIDTH));
 }
 
+/* What a source that is near in the texture, too, gives those that see it: its F and kernel are read once for all. */
+INLINE void add_own(const struct bundle *to, __global const struct source *from, const struct offsets *o, float16 share,
+                    int side, float4 *sums, __global const float16 *factors, __global const float16 *h,
+                    __global const float4 *kernels, __global const uint *ids)
+{
+    float4 flux = (float4)(from->red, from->green, from->blue, 0);
+    size_t id = ONE_KERNEL ? 0 : ids[from->texel] * (CLUSTERS ? CLUSTERS : 1);
+    __global const float4 *table = kernels + id * (size_t)(side * side);
+    float16 f[TERMS4];
+#pragma unroll
+    for (int k = 0; k < TERMS4; k++) {
+        f[k] = factors[(size_t)from->texel * TERMS4 + k] * (float16)(flux, flux, flux, flux);
+    }
+    for (int j = 0; j < LANES; j++) {
+        if (LANE(o->inside, int, j)) {
+            float16 sum = f[0] * h[j * TERMS4];
+#pragma unroll
+            for (int k = 1; k < TERMS4; k++) {
+                sum = fma(f[k], h[j * TERMS4 + k], sum);
+            }
+            size_t place = LANE(o->place, int, j) + (CLUSTERS ? LANE(to->column, int, j) * (side * side) : 0);
+            float4 value = between4(table + place, side, LANE(o->fx, float, j), LANE(o->fy, float, j));
+            sums[j] = fma(fold(sum), value * LANE(share, float, j), sums[j]);
+        }
+    }
+}
+
 /* Runs of sources in a bundle's reach. */
 struct runs {
     __global const uint *starts, *list;
@@ -221,7 +244,7 @@ struct runs {
 /* What samples, or surface points' light, give each vertex of a bundle. */
 INLINE void add_near(const struct bundle *to, size_t index, const struct runs *runs, const struct ring *ring, float4 *sums,
               __global const float16 *factors, __global const float16 *h, __global const float4 *kernels,
-              __global const float4 *bends, __global const uint *ids, __global const float *weights)
+              __global const uint *ids, __global const float *weights)
 {
     for (uint i = runs->starts[index]; i < runs->starts[index + 1]; i++) {
         uint begin = runs->list[i] * LANES, end = min(begin + LANES, runs->count);
@@ -234,18 +257,24 @@ INLINE void add_near(const struct bundle *to, size_t index, const struct runs *r
             if (!any(o.inside)) {
                 continue;
             }
-            float4 flux = (float4)(from->red, from->green, from->blue, 0);
             bool windowed = ring->rise_from > 0 || ring->fall_from < INFINITY;
             float16 share = windowed ? window(to, from, ring) : (float16)1;
+#if !PER_TERM && MIXED == 1
+            if (!any(o.inside & o.foreign)) {
+                add_own(to, from, &o, share, ring->side, sums, factors, h, kernels, ids);
+                continue;
+            }
+#endif
+            float4 flux = (float4)(from->red, from->green, from->blue, 0);
             for (int j = 0; j < LANES; j++) {
                 if (LANE(o.inside, int, j)) {
                     struct sight at = {from->texel, LANE(to->column, int, j), LANE(o.place, int, j), ring->side,
-                                       LANE(o.fx, float, j), LANE(o.fy, float, j), from->variance};
+                                       LANE(o.fx, float, j), LANE(o.fy, float, j)};
                     if (LANE(o.foreign, int, j)) {
                         int2 seen = seen_point(to, &o, j);
                         at.texel = seen.x * WIDTH + seen.y;
                     }
-                    sums[j] += LANE(share, float, j) * flux * response(&at, factors, h + j * TERMS4, kernels, bends, ids, weights);
+                    sums[j] += LANE(share, float, j) * flux * response(&at, factors, h + j * TERMS4, kernels, ids, weights);
                 }
             }
         }
@@ -258,6 +287,7 @@ INLINE void interpolate(__global const float16 *posts, __global const uint *link
 {
     for (int i = 0; i < LINKS; i++) {
         __global const float16 *post = posts + (size_t)links[i] * TERMS4;
+#pragma unroll
         for (int k = 0; k < TERMS4; k++) {
             sums[k] = fma(post[k], (float16)shares[i], sums[k]);
         }
@@ -269,21 +299,33 @@ INLINE void add_square(float16 *sums, __global const float16 *moment, float4 flu
                 float fx, float fy)
 {
 #if PER_TERM
+#pragma unroll
     for (int k = 0; k < TERMS4; k++) {
         float16 value = between16((__global const float16 *)kernels + k, TERMS4, side * TERMS4, fx, fy);
         sums[k] = fma(value * (float16)(flux, flux, flux, flux), moment[k], sums[k]);
     }
 #else
+    float weights[4] = {(1 - fx) * (1 - fy), fx * (1 - fy), (1 - fx) * fy, fx * fy};
+    __global const float4 *corners[4] = {kernels, kernels + PARTS, kernels + side * PARTS, kernels + (side + 1) * PARTS};
     float16 own[TERMS4];
+#pragma unroll
     for (int k = 0; k < TERMS4; k++) {
         own[k] = sums[k];
     }
+#pragma unroll
     for (int r = 0; r < PARTS; r++) {
-        float4 value = flux * between4(kernels + r, PARTS, side * PARTS, fx, fy);
+        float4 value = weights[0] * corners[0][r];
+#pragma unroll
+        for (int i = 1; i < 4; i++) {
+            value = fma(corners[i][r], (float4)weights[i], value);
+        }
+        value *= flux;
+#pragma unroll
         for (int k = 0; k < TERMS4; k++) {
             own[k] = fma((float16)(value, value, value, value), moment[r * TERMS4 + k], own[k]);
         }
     }
+#pragma unroll
     for (int k = 0; k < TERMS4; k++) {
         sums[k] = own[k];
     }
@@ -338,6 +380,7 @@ __kernel void gather_squares(uint first, __global const struct bundle *bundles, 
         if (linked) {
             interpolate(coarse, links + post * LINKS, shares + post * LINKS, sums + j * TERMS4);
         }
+#pragma unroll
         for (int k = 0; k < TERMS4; k++) {
             out[post * TERMS4 + k] = sums[j * TERMS4 + k];
         }
@@ -349,7 +392,7 @@ __kernel void gather(uint first, __global const struct bundle *bundles, __global
                      __global const uint *sample_starts, __global const uint *sample_list,
                      __global const struct source *samples, uint sample_count, struct ring sample_ring, __global const uint *point_starts, __global const uint *point_list,
                      __global const struct source *points, uint point_count, struct ring point_ring,
-                     __global const float4 *kernels, __global const float4 *bends, __global const float16 *factors,
+                     __global const float4 *kernels, __global const float4 *point_kernels, __global const float16 *factors,
                      __global const uint *ids, __global const float *weights, __global const float16 *posts,
                      __global const uint *links, __global const float *shares, int linked, __global float4 *out)
 {
@@ -361,19 +404,21 @@ __kernel void gather(uint first, __global const struct bundle *bundles, __global
         sums[j] = 0;
     }
     const struct runs one_by_one = {sample_starts, sample_list, samples, sample_count};
-    add_near(&to, index, &one_by_one, &sample_ring, sums, factors, h, kernels, 0, ids, weights);
+    add_near(&to, index, &one_by_one, &sample_ring, sums, factors, h, kernels, ids, weights);
     if (point_count > 0) {
         const struct runs by_points = {point_starts, point_list, points, point_count};
-        add_near(&to, index, &by_points, &point_ring, sums, factors, h, kernels, bends, ids, weights);
+        add_near(&to, index, &by_points, &point_ring, sums, factors, h, point_kernels, ids, weights);
     }
     for (int j = 0; j < LANES; j++) {
         size_t receiver = LANE(to.index, int, j);
         if (linked) {
             float16 shared[TERMS4], sum = 0;
+#pragma unroll
             for (int k = 0; k < TERMS4; k++) {
                 shared[k] = 0;
             }
             interpolate(posts, links + receiver * LINKS, shares + receiver * LINKS, shared);
+#pragma unroll
             for (int k = 0; k < TERMS4; k++) {
                 sum = fma(shared[k], h[j * TERMS4 + k], sum);
             }

@@ -188,6 +188,28 @@ static void set_links(struct device_arguments *arguments, const struct stage *st
     device_set_number(arguments, sums != NULL);
 }
 
+/* The kernels as light that is spread over a surface point has them, on the mean. */
+static void set_point_kernels(const struct run *run, struct device_arguments *arguments,
+                              size_t size)
+{
+    const struct levels *levels = run->levels;
+    float *kernels = levels->merges ? device_allocate(size, arguments->error) : NULL;
+    if (!levels->merges) {
+        device_set_shared(arguments, NULL, 0);
+        return;
+    }
+    if (!kernels) {
+        arguments->status = NACRE_FAILED;
+        return;
+    }
+    float variance = run->stock->sources.variance;
+    for (size_t i = 0; i < size / sizeof *kernels; i++) {
+        kernels[i] = levels->near[i] + variance * levels->bends[i];
+    }
+    device_set_memory(arguments,
+                      device_share(arguments->memory, kernels, size, kernels, arguments->error));
+}
+
 /* Squares of 2^number points to posts as far apart. */
 static int gather_squares(struct run *run, int number, struct nacre_error *error)
 {
@@ -233,7 +255,7 @@ static int gather_vertices(struct run *run, cl_mem out, struct nacre_error *erro
              levels->samples, &run->reaches[0]);
     set_near(run, &arguments, stage, &run->stock->sources.points, levels->points, &run->reaches[1]);
     device_set_shared(&arguments, levels->near, table);
-    device_set_shared(&arguments, levels->bends, levels->merges ? table : 0);
+    set_point_kernels(run, &arguments, table);
     set_factors(run, &arguments);
     set_links(&arguments, stage, levels->count > 0 ? run->sums[1] : NULL);
     device_set_memory(&arguments, out);
@@ -344,6 +366,7 @@ int gather_pass_run(const struct gather_pass *pass, struct progress *progress, f
                       .memory = {.opencl = pass->device->opencl},
                       .progress = progress};
     memset(light, 0, pass->stock->gather->mesh->vertex_count * sizeof *light);
+
     int status = gather_stock_extend(pass->stock, pass->levels, error);
     if (status == NACRE_OK) {
         status = make_stages(&run, error);

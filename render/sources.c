@@ -151,14 +151,10 @@ static int group(struct merge *merge)
     return fill_heaps(merge);
 }
 
-static struct source source_of(const struct heap *heap, double point_mm)
+static struct source source_of(const struct heap *heap)
 {
-    struct source source = {.x = (float)heap->x,
-                            .y = (float)heap->y,
-                            .variance =
-                                (float)(heap->square / heap->weight / (2 * point_mm * point_mm)),
-                            .chart = heap->chart,
-                            .texel = heap->texel};
+    struct source source = {
+        .x = (float)heap->x, .y = (float)heap->y, .chart = heap->chart, .texel = heap->texel};
     double length = 0;
     for (int k = 0; k < 3; k++) {
         length += heap->normal[k] * heap->normal[k];
@@ -171,9 +167,11 @@ static struct source source_of(const struct heap *heap, double point_mm)
     return source;
 }
 
-/* Sum up a set by squares of `size` points, and tell it their middles. */
-static int merge_set(struct source_set *from, double size, double point_mm, struct source_set *to)
+/* Sum up a set by squares of `size` points, and tell it their middles and their variance. */
+static int merge_set(struct source_set *from, double size, double point_mm, struct source_set *to,
+                     float *variance)
 {
+    double square = 0, weight = 0;
     struct merge merge = {.from = from,
                           .size = size,
                           .point_mm = point_mm,
@@ -185,8 +183,11 @@ static int merge_set(struct source_set *from, double size, double point_mm, stru
         status = to->list ? 0 : -1;
     }
     for (size_t i = 0; status == 0 && i < to->count; i++) {
-        to->list[i] = source_of(&merge.heaps[i], point_mm);
+        to->list[i] = source_of(&merge.heaps[i]);
+        square += merge.heaps[i].square;
+        weight += merge.heaps[i].weight;
     }
+    *variance = weight > 0 ? (float)(square / weight / (2 * point_mm * point_mm)) : 0;
     for (size_t i = 0; status == 0 && i < from->count; i++) {
         memcpy(from->list[i].middle, to->list[merge.numbers[i]].position,
                sizeof from->list[i].middle);
@@ -545,7 +546,7 @@ int sources_extend(struct sources *sources, struct source_set *samples,
     int status = 0;
     sources->moment_size = parts * (size_t)appearance->terms * 4;
     if (levels->merges && !sources->points.list) {
-        status = merge_set(samples, 1, point_mm, &sources->points);
+        status = merge_set(samples, 1, point_mm, &sources->points, &sources->variance);
     }
     for (int i = sources->count; status == 0 && i < levels->count; i++) {
         status = sum_squares(sources, appearance, i, point_mm);

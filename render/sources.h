@@ -21,7 +21,6 @@ struct source {
     float position[3], x, y, flux[3], normal[3];
     /* By which rings are told apart: for samples that of the light of their surface point, if that is summed up. */
     float middle[3];
-    float variance; /* of the place along the surface, along each axis, points^2 */
     int32_t chart;
     uint32_t texel;
 };
@@ -34,6 +33,8 @@ struct source_set {
 struct sources {
     int count; /* of levels of squares */
     struct source_set points, squares[LEVELS_MAXIMUM];
+    /* Of samples about the place of their surface point's light, along each axis of the surface: mean, points^2. */
+    float variance;
     size_t moment_size; /* floats: [parts][terms][4], with a kernel per term [terms][4] */
     float *moments[LEVELS_MAXIMUM]; /* of the squares */
     float *pyramid[LEVELS_MAXIMUM]; /* [height / 2^(i + 1)][width / 2^(i + 1)], rounded up */
