@@ -26,6 +26,7 @@ static int sample_light(const struct lit_surface *surface, const struct lighting
                         struct nacre_error *error)
 {
     struct progress progress = progress_begin("lighting", settings->quiet);
+    progress.deadline = settings->deadline;
     double point = surface->mapping->point_mm;
     struct lighting own = *lights, *lighting = &own;
     own.before = settings->before / (point * point);
@@ -88,9 +89,9 @@ static int check_finite(const struct mesh *mesh, float (*radiosity)[3], struct n
 }
 
 /* Light that leaves elsewhere than it fell. */
-static int add_gathered(const struct gather *gather, const struct opencl *opencl, bool quiet,
-                        float (*radiosity)[3], struct gather_counts *counts,
-                        struct nacre_error *error)
+static int add_gathered(const struct gather *gather, const struct opencl *opencl,
+                        const struct bake_settings *settings, float (*radiosity)[3],
+                        struct gather_counts *counts, struct nacre_error *error)
 {
     size_t vertices = gather->mesh->vertex_count;
     bool packed = gather->appearance->packed;
@@ -98,7 +99,8 @@ static int add_gathered(const struct gather *gather, const struct opencl *opencl
     if (!gathered) {
         return nacre_fail_memory(error, "the light on the mesh");
     }
-    struct progress progress = progress_begin("gathering", quiet);
+    struct progress progress = progress_begin("gathering", settings->quiet);
+    progress.deadline = settings->deadline;
     int status = gather_run(gather, opencl, &progress, gathered, counts, error);
     progress_end(&progress);
     if (packed) {
@@ -147,7 +149,7 @@ int bake_object(const struct lit_surface *surface, const struct appearance *appe
                                 effects->same_side,
                                 settings->tolerance > 0 ? settings->tolerance : BAKE_TOLERANCE,
                                 GATHER_SOONEST};
-        status = add_gathered(&gather, opencl, settings->quiet, radiosity, &gathered, error);
+        status = add_gathered(&gather, opencl, settings, radiosity, &gathered, error);
         counts->products = 3 * (size_t)appearance->terms;
     }
     counts->gather_seconds += seconds_since(start);

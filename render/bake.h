@@ -22,6 +22,7 @@ struct bake_settings {
     size_t photons;   /* 0: stratified samples; else this many photons in their place */
     uint64_t seed;
     bool quiet;
+    struct progress_deadline *deadline; /* when to give up; NULL: never */
 };
 
 struct bake_counts {

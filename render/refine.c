@@ -23,6 +23,9 @@ static const double step_samples = 4e6;
 /* Steps and the picture take this much longer than foreseen. */
 static const double step_caution = 1.2, closing_caution = 1.15;
 
+/* Of the time that is left for steps, what one aims at: other programs may slow the machine down while it is under way. */
+static const double step_share = 0.6;
+
 /* Beyond this share of the time, looking how long the picture takes would take what it needs. */
 static const double closing_share = 0.4;
 
@@ -51,14 +54,23 @@ double refine_seconds(const struct refine_goal *goal)
     return (double)(clock_now_ns(goal->clock) - goal->begun_ns) * 1e-9;
 }
 
+/* When the picture has to be begun; the first step is of use whenever it ends. */
+static int64_t steps_end_ns(const struct run *run)
+{
+    return has_deadline(run) && run->report->count > 0
+               ? run->goal->begun_ns + (int64_t)((run->goal->seconds - run->closing) * 1e9)
+               : 0;
+}
+
 static int take(struct run *run, double density, double tolerance, struct nacre_error *error)
 {
-    const struct refine_step step = {density, run->density, tolerance};
+    const struct refine_step step = {density, run->density, tolerance, steps_end_ns(run)};
     struct refine_report *report = run->report;
     struct refine_outcome outcome = {0};
     double begun = refine_seconds(run->goal);
     int status = run->work->bake(run->work->context, &step, &outcome, error);
-    if (status != NACRE_OK) {
+    if (status != NACRE_OK || outcome.cut) {
+        report->cut = outcome.cut;
         return status;
     }
     run->density += density;
@@ -128,7 +140,7 @@ static double next_density(const struct run *run, const char **reason)
             *reason = "time";
             return 0;
         }
-        density = fmin(density, most);
+        density = fmin(density, fmax(step_share * most, least));
     }
     return density;
 }
@@ -184,6 +196,10 @@ int refine_run(const struct refine_goal *goal, const struct refine_work *work,
             break;
         }
         status = take(&run, density, next_tolerance(&run, density), error);
+        if (report->cut) {
+            report->stopped_by = "time";
+            break;
+        }
     }
     return status;
 }

@@ -26,11 +26,13 @@ struct refine_step {
     double density;   /* samples to a surface point in each half */
     double before;    /* in the steps before */
     double tolerance; /* of the gather */
+    int64_t until_ns; /* by the goal's clock: when it is no longer of use; 0: always is */
 };
 
 struct refine_outcome {
     size_t samples; /* in each half */
     double summed;  /* what summing up changes, relative */
+    bool cut;       /* time was up; both halves are as they were before */
 };
 
 /* What the steps are made of. */
@@ -56,6 +58,7 @@ struct refine_report {
     double error, noise, bias; /* reached: the root of the sum of the others' squares */
     const char *stopped_by;    /* "error", "time", "limit" */
     bool error_held;           /* or none was asked for: 1 or more */
+    bool cut;                  /* one more step was begun, and given up as time was up */
     int count;                 /* of steps; 0: nothing was chosen */
     struct refine_try steps[REFINE_STEPS_MAXIMUM];
     double closing_seconds; /* foreseen for the picture; 0: was not looked at */

@@ -67,6 +67,7 @@ static int bake_plain(struct stage *stage, size_t index, const struct lighting *
     const struct stage_object *object = &stage->objects[index];
     struct bake_counts *counts = &report->objects[index].counts;
     struct progress progress = progress_begin(names[which], stage->settings->bake.quiet);
+    progress.deadline = stage->settings->bake.deadline;
     int64_t start = now_ns();
     int status =
         plain_light(&object->mesh, lighting, which, &progress, irradiance, &counts->work, error);

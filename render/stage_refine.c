@@ -12,9 +12,11 @@ struct halves {
     struct render_report *report;
     stage_closing *closing;
     void *closing_context;
-    size_t *first;       /* of each object's vertices in the sums */
-    float (*sums[2])[3]; /* of each half: light times density */
-    double weight;       /* sum of densities */
+    size_t *first;           /* of each object's vertices in the sums */
+    float (*sums[2])[3];     /* of each half: light times density */
+    float (*first_light)[3]; /* of the step under way: the first half's light times density */
+    struct render_object_report *before; /* what the objects' reports said before it */
+    double weight;                       /* sum of densities */
 };
 
 static bool is_lit(const struct stage_object *object)
@@ -47,15 +49,25 @@ static void clear_light(struct stage *stage)
     }
 }
 
-static void add_light(struct halves *halves, int half, double density)
+/* Add what the stage's objects have to a list of all their vertices. */
+static void add_light(const struct halves *halves, double density, float (*list)[3])
 {
     for (size_t i = 0; i < halves->stage->scene->object_count; i++) {
         const struct stage_object *object = &halves->stage->objects[i];
-        float(*sum)[3] = halves->sums[half] + halves->first[i];
+        float(*sum)[3] = list + halves->first[i];
         for (size_t v = 0; is_lit(object) && v < object->mesh.vertex_count; v++) {
             for (int c = 0; c < 3; c++) {
                 sum[v][c] += (float)(density * object->light[v][c]);
             }
+        }
+    }
+}
+
+static void add_list(float (*more)[3], size_t count, float (*sum)[3])
+{
+    for (size_t i = 0; i < count; i++) {
+        for (int c = 0; c < 3; c++) {
+            sum[i][c] += more[i][c];
         }
     }
 }
@@ -75,8 +87,9 @@ static void set_light(const struct halves *halves)
     }
 }
 
+/* Both halves of a step count, or neither. */
 static int bake_half(struct halves *halves, const struct refine_step *step, int half,
-                     struct nacre_error *error)
+                     struct progress_deadline *deadline, struct nacre_error *error)
 {
     struct stage *stage = halves->stage;
     struct render_settings settings = *halves->settings;
@@ -84,13 +97,14 @@ static int bake_half(struct halves *halves, const struct refine_step *step, int 
     settings.bake.before = step->before;
     settings.bake.tolerance = step->tolerance;
     settings.bake.seed += (uint64_t)half * UINT64_C(0xd1b54a32d192ed03);
+    settings.bake.deadline = step->until_ns ? deadline : NULL;
     stage->settings = &settings;
     clear_light(stage);
     int status = stage_bake(stage, halves->opencl, halves->report, error);
     stage->settings = halves->settings;
     if (status == NACRE_OK) {
         stage->plain_lit = keeps_plain(stage);
-        add_light(halves, half, step->density);
+        add_light(halves, step->density, half ? halves->sums[1] : halves->first_light);
     }
     return status;
 }
@@ -99,15 +113,27 @@ static int bake_step(void *context, const struct refine_step *step, struct refin
                      struct nacre_error *error)
 {
     struct halves *halves = context;
-    size_t before = count_samples(halves->report);
+    size_t before = count_samples(halves->report), objects = halves->report->object_count;
+    size_t vertices = halves->first[objects];
+    struct progress_deadline deadline = {halves->settings->goal->clock, step->until_ns, false};
+    memcpy(halves->before, halves->report->objects, objects * sizeof *halves->before);
+    memset(halves->first_light, 0, vertices * sizeof *halves->first_light);
     for (size_t i = 0; i < halves->report->object_count; i++) {
         halves->report->objects[i].counts.gather.error = 0; /* the largest is kept */
     }
-    int status = bake_half(halves, step, 0, error);
+    int status = bake_half(halves, step, 0, &deadline, error);
     if (status == NACRE_OK) {
-        status = bake_half(halves, step, 1, error);
+        status = bake_half(halves, step, 1, &deadline, error);
+    }
+    if (status == NACRE_CANCELLED && deadline.passed) {
+        *outcome = (struct refine_outcome){.cut = true};
+        memcpy(halves->report->objects, halves->before, objects * sizeof *halves->before);
+        set_light(halves);
+        *error = (struct nacre_error){0};
+        return NACRE_OK;
     }
     if (status == NACRE_OK) {
+        add_list(halves->first_light, vertices, halves->sums[0]);
         halves->weight += step->density;
         outcome->samples = (count_samples(halves->report) - before) / 2;
         for (size_t i = 0; i < halves->report->object_count; i++) {
@@ -154,7 +180,12 @@ static int halves_make(struct halves *halves, struct nacre_error *error)
     for (int half = 0; halves->first && half < 2; half++) {
         halves->sums[half] = calloc(halves->first[objects] + 1, sizeof *halves->sums[half]);
     }
-    return halves->first && halves->sums[0] && halves->sums[1]
+    if (halves->first) {
+        halves->first_light = calloc(halves->first[objects] + 1, sizeof *halves->first_light);
+        halves->before = calloc(objects + 1, sizeof *halves->before);
+    }
+    return halves->first && halves->sums[0] && halves->sums[1] && halves->first_light &&
+                   halves->before
                ? NACRE_OK
                : nacre_fail_memory(error, "two halves of light");
 }
@@ -178,5 +209,7 @@ int stage_bake_refined(struct stage *stage, const struct opencl *opencl, stage_c
     free(halves.first);
     free(halves.sums[0]);
     free(halves.sums[1]);
+    free(halves.first_light);
+    free(halves.before);
     return status;
 }

@@ -1,8 +1,6 @@
 /* The progress bar and the flag that a signal sets. */
 #include "base/progress.h"
 
-#include "base/clock.h"
-
 #include <signal.h>
 #include <stdio.h>
 #include <string.h>
@@ -91,6 +89,12 @@ int progress_step(struct progress *progress, double done, double total, const ch
 {
     if (interrupted) {
         (void)nacre_fail(error, "stopped on request");
+        return NACRE_CANCELLED;
+    }
+    struct progress_deadline *deadline = progress ? progress->deadline : NULL;
+    if (deadline && clock_now_ns(deadline->clock) >= deadline->time_ns) {
+        deadline->passed = true;
+        (void)nacre_fail(error, "%s takes longer than there is time for", progress->task);
         return NACRE_CANCELLED;
     }
     if (progress && progress->visible) {

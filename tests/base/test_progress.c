@@ -160,6 +160,22 @@ static void parts_outside_0_to_1_are_drawn_as_the_nearest_end(void)
     TEST_ASSERT_EQUAL_INT_MESSAGE(2, whole, text);
 }
 
+static void a_deadline_stops_a_task_and_is_noted(void)
+{
+    struct nacre_error error = {""};
+    struct clock clock = clock_monotonic();
+    struct progress_deadline deadline = {&clock, clock_now_ns(&clock) + INT64_C(3600000000000),
+                                         false};
+    struct progress progress = progress_begin("lighting", true);
+    progress.deadline = &deadline;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, progress_step(&progress, 1, 2, NULL, &error));
+    TEST_ASSERT_FALSE(deadline.passed);
+    deadline.time_ns = clock_now_ns(&clock);
+    TEST_ASSERT_EQUAL_INT(NACRE_CANCELLED, progress_step(&progress, 1, 2, NULL, &error));
+    TEST_ASSERT_TRUE(deadline.passed);
+    TEST_ASSERT_NOT_NULL(strstr(error.text, "lighting takes longer"));
+}
+
 static void interrupt_a_task(void)
 {
     struct nacre_error error = {""};
@@ -217,6 +233,7 @@ int main(void)
     RUN_TEST(a_narrow_terminal_gets_a_line_that_fits);
     RUN_TEST(the_end_wipes_the_bar);
     RUN_TEST(quiet_or_no_terminal_shows_nothing);
+    RUN_TEST(a_deadline_stops_a_task_and_is_noted);
     RUN_TEST(at_most_ten_lines_a_second_are_drawn);
     RUN_TEST(parts_outside_0_to_1_are_drawn_as_the_nearest_end);
     RUN_TEST(a_signal_cancels_the_next_step_with_or_without_a_bar);
