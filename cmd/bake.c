@@ -19,7 +19,7 @@ static const char *const frame_words[] = {"scene", "mesh", NULL};
 
 struct bake_options {
     const char *scene, *output, *material;
-    double samples;
+    double samples, tolerance;
     int object, rays, seed, triangles, texels, padding, frame;
     bool keep;
 };
@@ -96,6 +96,14 @@ static const struct option_spec options[] = {
      .fallback = "8",
      .offset = offsetof(struct bake_options, rays),
      .sentence = "shadow rays from each sample to an area light"},
+    {.name = "tolerance",
+     .kind = OPTION_REAL,
+     .argument = "SHARE",
+     .minimum = 1e-9,
+     .maximum = 0.1,
+     .fallback = "0.2 %",
+     .offset = offsetof(struct bake_options, tolerance),
+     .sentence = "error that summing up far light may make; a very small one: none is summed up"},
     {.name = "triangles",
      .kind = OPTION_INT,
      .argument = "N",
@@ -189,6 +197,7 @@ static int bake(struct work *work, const struct invocation *invocation, struct n
     const struct render_settings render = {
         .bake = {.density = options_given->samples,
                  .rays = options_given->rays,
+                 .tolerance = options_given->tolerance,
                  .seed = (uint64_t)options_given->seed,
                  .quiet = invocation->quiet},
         .triangle_limit = options_given->keep ? 0 : (size_t)options_given->triangles,

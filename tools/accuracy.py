@@ -2,9 +2,9 @@
 """Tells how much each effect adds to the error of developed responses: scans a virtual sample with all effects and with
 each forbidden in turn, compares with the exact responses, and prints tables; --write puts them into docs/accuracy.md.
 
-usage: accuracy.py NACRE HDR_TABLE [--write] [FOLDER]     (about three minutes on one core)
+usage: accuracy.py NACRE [--write] [FOLDER]     (about three minutes on one core)
 
-`ninja -C build accuracy` does so. HDR_TABLE is tests/develop/hdr_table.
+`ninja -C build accuracy` does so.
 """
 import json
 import os
@@ -152,17 +152,14 @@ def main():
     for options in (['--flat=separate'], ['--flat=paper']):
         result = error_of('lossy', *options)
         say(f'| `{options[0]}` | {percent(result[0])} | {100 * result[1]:+.2f} % |')
-    say('')
-    for line in subprocess.run([hdr_table], check=True, capture_output=True, text=True).stdout.splitlines():
-        say(line)
 
 
 arguments = [argument for argument in sys.argv[1:] if argument != '--write']
-if len(arguments) < 2:
+if not arguments:
     sys.exit(__doc__)
-program, hdr_table = (os.path.abspath(argument) for argument in arguments[:2])
-if len(arguments) > 2:
-    folder = os.path.abspath(arguments[2])
+program = os.path.abspath(arguments[0])
+if len(arguments) > 1:
+    folder = os.path.abspath(arguments[1])
     os.makedirs(folder, exist_ok=True)
     main()
 else:

@@ -1,12 +1,12 @@
 #!/usr/bin/env python3
 """Tells what accuracy costs at each stage, on the virtual station: scans a virtual sample with other grids, exposures and
-black frames, factors and renders it, compares with the exact responses, and prints tables; --write puts them into
+black frames, develops, factors and renders it, compares with the exact responses, and prints tables; --write puts them into
 docs/accuracy.md, and plots into docs/images/tradeoffs.svg.
 
-usage: tradeoffs.py NACRE [--write] [--quick] [FOLDER]     (some ten minutes of one core; --quick: a little of each, as a
-test; FOLDER keeps sessions and the study, which are not made again)
+usage: tradeoffs.py NACRE LOOP_TABLE HDR_TABLE [--write] [--quick] [FOLDER]     (some ten minutes of one core; --quick: a
+little of each, as a test; FOLDER keeps sessions and the study, which are not made again)
 
-`ninja -C build tradeoffs` does so.
+`ninja -C build tradeoffs` does so. LOOP_TABLE is firmware/loop_table, HDR_TABLE tests/develop/hdr_table.
 """
 import array
 import json
@@ -77,13 +77,14 @@ def scan(name, **changes):
 
 
 def measure(name, window, grids, **changes):
-    """Scan some of the grids and develop: mean error against the exact responses, how much their sums are off."""
+    """Scan some of the grids and develop: mean error against the exact responses, how much their sums are off, the report."""
     scan(name, window=window, grid_patterns=grids, **changes)
-    return develop(name, window)[:2]
+    return develop(name, window)
 
 
-def develop(name, window):
-    report = nacre('develop', name, '-o', f'{name}.exr')
+def develop(name, window, *options):
+    report = nacre('develop', name, '-o', f'{name}.exr', *options)
+    spent['develop'] = spent['seconds']
     told = nacre('error', exact(window)[0], f'{name}.exr')
     return told['mean'], told['bias'], report
 
@@ -126,7 +127,7 @@ def grids():
         hours, count = station_hours(grid_spacing=spacing, window=window)
         large = station_hours(station='tests/bench/candle/station.yaml', plan='tests/bench/candle/plan.yaml', grid_spacing=spacing,
                               window=window)[0] if spacing < 48 else large_point_by_point()
-        error, bias = measure(f'grid{spacing}', window, min(few, spacing ** 2), grid_spacing=spacing)
+        error, bias, _ = measure(f'grid{spacing}', window, min(few, spacing ** 2), grid_spacing=spacing)
         beyond = exact(window)[1]
         row(f'{spacing}' + (' (plan of the demo)' if spacing == 25 else ' (point by point)' if spacing == 48 else ''), count,
             minutes(hours), minutes(large), percent(beyond), percent(error), f'{100 * bias:+.2f} %')
@@ -149,14 +150,21 @@ def large_point_by_point():
 def exposures():
     say()
     say('### Acquisition: exposures of a pattern')
-    head('turns of the wheel (30 Hz)', 'station time', 'error', 'sums off by')
+    head('turns of the wheel (30 Hz)', 'station time', 'error', 'sums off by', 'noise in the dark', 'light found on the rim')
     for turns in ([1], [1, 4, 15, 60]) if quick else ([1], [1, 4], [1, 15], [1, 60], [1, 4, 15, 60], [1, 2, 4, 8, 15, 30, 60],
                                                      [1, 4, 15, 60, 240]):
-        error, bias = measure('turns' + '-'.join(map(str, turns)), 25, few, exposure_turns=turns)
-        row(', '.join(map(str, turns)), minutes(station_hours(exposure_turns=turns)[0]), percent(error), f'{100 * bias:+.2f} %')
+        error, bias, report = measure('turns' + '-'.join(map(str, turns)), 25, few, exposure_turns=turns)
+        row(', '.join(map(str, turns)), minutes(station_hours(exposure_turns=turns)[0]), percent(error), f'{100 * bias:+.2f} %',
+            darkness(report), percent(report['rim_share'], 3))
     say()
-    say('The shortest must not saturate white; the longest decides the time. What lies between is worth more than a longest one, as '
-        'pixels that saturate in one exposure are told by the next shorter alone.')
+    say('*Noise in the dark*: deviation of an entry without light, over the mean entry of lit points. *The rim*: share of a '
+        f'response\'s light in the outermost ring of its window; {percent(exact(25)[1], 3)} lie beyond. The shortest must not '
+        'saturate white; the longest decides the time. What lies between is worth more than a longest one, as pixels that '
+        'saturate in one exposure are told by the next shorter alone.')
+
+
+def darkness(report):
+    return f'{1e6 * report["noise"] / report["centre"]:.3g} ppm'
 
 
 def black_frames():
@@ -175,13 +183,46 @@ def black_frames():
         frames = frames[:count]
         error, bias, report = develop('black', 25)
         found.append((count, minutes(station_hours(black_frames=count)[0]), percent(error), f'{100 * bias:+.2f} %',
-                      f'{100 * report["rim_share"]:.3f} %'))
-    head('black frames', 'station time', 'error', 'sums off by', 'light found on the rim of the window')
+                      darkness(report), percent(report['rim_share'], 3)))
+    head('black frames', 'station time', 'error', 'sums off by', 'noise in the dark', 'light found on the rim')
     for cells in reversed(found):
         row(*cells)
     say()
-    say(f'The rim has {percent(exact(25)[1], 3)} beyond it by the exact responses. What is wrong with the black level is wrong at every '
-        'entry, and shows there and in the sums first.')
+    say('What is wrong with the black level is wrong at every entry, and shows on the rim and in the sums first.')
+
+
+def developing():
+    """Ways from camera pixels to surface points, seen by a sharp camera and by one out of focus; weights of exposures."""
+    say()
+    say('### Developing: demosaicing')
+    say()
+    say('The demo\'s station, whose camera is sharp, and the same with a camera out of focus by a disc of 2 pixels, half a point. '
+        'Processor seconds are those of one development of the sharp one.')
+    sharp, blurred = 'turns1-4-15-60', 'blurred'
+    station = settings(blurred, window=25, grid_patterns=few, exposure_turns=[1, 4, 15, 60])
+    with open(os.path.join(folder, station), encoding='utf-8') as file:
+        text, count = re.subn(r'(?m)^( +)(pixels_per_point:)', r'\1defocus_px: 2\n\1\2', file.read())
+    assert count == 1
+    with open(os.path.join(folder, station), 'w', encoding='utf-8') as file:
+        file.write(text)
+    if not os.path.exists(os.path.join(folder, blurred)):
+        nacre('scan', blurred, '--station', station)
+    head('option', 'error, sharp', 'error, out of focus', 'processor seconds')
+    for option in ('--demosaic=fit', '--demosaic=area', '--demosaic=malvar', '--demosaic=auto')[2 if quick else 0:]:
+        error = develop(sharp, 25, option)[0]
+        seconds = spent['develop']
+        out_of_focus, _, report = develop(blurred, 25, option)
+        row(f'`{option}`' + (f' (default; {report["geometry"]["demosaic"]} where out of focus)' if option.endswith('auto') else ''),
+            percent(error), percent(out_of_focus), f'{seconds:.1f}')
+    say()
+    say('### Developing: weights of the exposures')
+    say()
+    say('200,000 pixels that see the same light, in the demo\'s exposures: bias of the merged radiance, in parentheses its standard '
+        'error. What is developed is weighted by the inverse of the noise of the estimate from all exposures, in the same time.')
+    say()
+    table = subprocess.run([programs[2]], check=True, capture_output=True, text=True).stdout
+    for line in table.splitlines():
+        say(line)
 
 
 def factors():
@@ -243,6 +284,8 @@ def rendering():
     triangles = ['--triangles', '20000'] if quick else []
     ways = [('--samples', '3'), ('--samples', '12'), ('--samples', '12', '--rays', '32'), ('--samples', '48')]
     ways = ways[:2] if quick else ways
+    coarse = [('--samples', '48', '--tolerance', tolerance) for tolerance in ('2%', '0.67%', '0.05%', '1e-9')]
+    coarse = coarse[:1] if quick else coarse
     best = ('--samples', '30', '--rays', '8', '--seed', '7') if quick else ('--samples', '200', '--rays', '32', '--seed', '7')
     say(f'The knot of `render/examples/area.yaml` (`nacre bake`), against `{" ".join(best[:4])}`: root mean square over vertices and '
         'channels, relative.')
@@ -251,26 +294,28 @@ def rendering():
     norm = sum(value * value for plane in reference for value in plane)
     head('options', 'error', 'processor seconds')
     points = []
-    for way in ways:
+    for way in ways + coarse:
         nacre('bake', '--scene', scene, '--material', 'material.exr', '-o', 'some.ply', *way, *triangles)
         seconds = spent['seconds']
         square = sum((a - b) ** 2 for plane, other in zip(radiance('some.ply'), reference) for a, b in zip(plane, other))
         row(f'`{" ".join(way)}`' + (' (default)' if way == ('--samples', '12') else ''), percent(math.sqrt(square / norm)),
             f'{seconds:.1f}')
-        points.append((seconds, 100 * math.sqrt(square / norm), None, way[1]))
+        if way in ways:
+            points.append((seconds, 100 * math.sqrt(square / norm), None, way[1]))
     say()
-    say('What summing up far light by a hierarchy buys is told in [rendering.md](rendering.md).')
+    say('`--tolerance` is the error that summing up far light by a hierarchy may make: 0.2 % where it is not given, 1e-9 sums up '
+        'nothing. How that goes on with larger samples is told in [rendering.md](rendering.md#what-accuracy-costs).')
     return points
 
 
 def trigger():
-    """The table that trigger-board.md has, from the firmware's own loop: three of its columns."""
+    """By the firmware's own loop: three columns of what its table tells."""
     say()
     say('### Trigger: the loop\'s gain')
     say()
-    say('An exposure of one turn, index pulses early or late by up to 20 us; from [trigger-board.md](trigger-board.md).')
-    with open(os.path.join(ROOT, 'docs/trigger-board.md'), encoding='utf-8') as file:
-        table = file.read().split('<!-- begin loop_table -->\n')[1].split('<!-- end')[0]
+    say('An exposure of one turn, index pulses early or late by up to 20 us; the firmware\'s loop on the host '
+        '([trigger-board.md](trigger-board.md)).')
+    table = subprocess.run([programs[1]], check=True, capture_output=True, text=True).stdout
     head('gain', 'wrong length', 'settles in')
     for line in table.splitlines()[2:]:
         cells = [cell.strip() for cell in line.strip('|').split('|')]
@@ -340,6 +385,7 @@ def main():
     grid_points = grids()
     exposures()
     black_frames()
+    developing()
     trigger()
     study_points = factors()
     render_points = rendering()
@@ -351,11 +397,12 @@ def main():
 names = [argument for argument in sys.argv[1:] if not argument.startswith('--')]
 quick = '--quick' in sys.argv
 few = 12 if quick else 120
-if not names:
+if len(names) < 3:
     sys.exit(__doc__)
-program = os.path.abspath(names[0])
-if len(names) > 1:
-    folder = os.path.abspath(names[1])
+programs = [os.path.abspath(name) for name in names[:3]]
+program = programs[0]
+if len(names) > 3:
+    folder = os.path.abspath(names[3])
     os.makedirs(folder, exist_ok=True)
     main()
 else:

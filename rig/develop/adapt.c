@@ -284,6 +284,33 @@ static size_t set_bounds(const struct search *search, double scale)
     return count;
 }
 
+/* How much more noise than its bound a response has with a set, at worst. */
+static double excess_of(const struct search *search, const struct exposure_set *set)
+{
+    double worst = 0;
+    for (size_t i = 0; i < search->pilot->responses; i++) {
+        worst = fmax(worst, noise_of(set, i) / search->bounds[i]);
+    }
+    return worst;
+}
+
+/* Responses whose best sets differ may leave none that suffices: then all are allowed what the set has that is least above. */
+static void relax_bounds(const struct search *search)
+{
+    const struct exposure_set *best = NULL;
+    double least = INFINITY;
+    for (size_t s = 0; s < search->set_count; s++) {
+        double excess = excess_of(search, &search->sets[s]);
+        if (excess < least) {
+            least = excess;
+            best = &search->sets[s];
+        }
+    }
+    for (size_t i = 0; best && least > 1 && i < search->pilot->responses; i++) {
+        search->bounds[i] = fmax(search->bounds[i], noise_of(best, i));
+    }
+}
+
 static bool set_suffices(const struct search *search, const struct exposure_set *set)
 {
     for (size_t i = 0; i < search->pilot->responses; i++) {
@@ -325,6 +352,7 @@ static size_t sort_sets(struct search *search, const struct plan *plan, double s
         search->halves[i] = needed_half(search, i, search->wish->overlap * scale, plan->window / 2);
     }
     size_t noisy = set_bounds(search, scale);
+    relax_bounds(search);
     for (size_t s = 0; s < search->set_count; s++) {
         struct exposure_set *set = &search->sets[s];
         set->price = set_suffices(search, set) ? price_of(search, set) : INFINITY;
@@ -521,6 +549,14 @@ int adapt_plan(const struct pilot *pilot, const struct station *station,
     if (pilot->responses == 0) {
         return nacre_fail(error, "no response of the pilot was measured in all of its window; scan "
                                  "a pilot with more grids");
+    }
+    for (int c = 0; c < pilot->channels; c++) {
+        if (!(pilot->channel_noise[c] > 0 && pilot->white[c] > 0)) {
+            return nacre_fail(error,
+                              "the pilot's black and white frames do not tell how much noise "
+                              "a response has; scan a pilot with both, and with two black "
+                              "frames or more");
+        }
     }
     foretold_init(&search.foretold, pilot, station, plan);
     for (int c = 0; c < pilot->channels; c++) {

@@ -42,17 +42,18 @@ struct develop_report {
     int patterns, missing_patterns; /* grids */
     int taken_over;                 /* of them, from the development that was stopped */
     int white_frames, black_frames, dots_frames;
-    size_t responses;       /* measured */
-    size_t missing_entries; /* inside the sample, of measured responses: NaN */
-    double saturated_share; /* of the grid frames' pixels, at every exposure */
-    double black_level;     /* median, raw units a second */
-    double frame_noise;     /* median deviation of one merged black frame, raw units a second */
-    double white[3];        /* by channel, of what reflects all light: raw units a second */
-    double noise;           /* deviation of an entry of a response without light: of R_d */
-    double centre;          /* mean entry of the lit points themselves */
-    double rim_share;       /* of a response's energy, on the rim of its window */
-    double overlap;         /* of a response's energy, estimated to fall outside its window */
-    enum demosaic demosaic; /* that was used */
+    size_t responses;        /* measured */
+    size_t missing_entries;  /* inside the sample, of measured responses: NaN */
+    double saturated_share;  /* of the grid frames' pixels, at every exposure */
+    double black_level;      /* median, raw units a second */
+    double frame_noise;      /* median deviation of one merged black frame, raw units a second */
+    double white[3];         /* by channel, of what reflects all light: raw units a second */
+    double noise;            /* deviation of an entry of a response without light: of R_d */
+    double channel_noise[3]; /* the same by channel */
+    double centre;           /* mean entry of the lit points themselves */
+    double rim_share;        /* of a response's energy, on the rim of its window */
+    double overlap;          /* of a response's energy, estimated to fall outside its window */
+    enum demosaic demosaic;  /* that was used */
     double
         misfit; /* of frames and the fit's premise, relative, 0 to 1; NaN where it was not asked */
     double pixels_per_point; /* camera pixels along a surface point in the middle */

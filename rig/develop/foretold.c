@@ -17,26 +17,27 @@ static double weight_of(const struct station *station, double turns, bool shorte
     return shortest || raw + 4 * sqrt(variance) < full ? t * t / variance : 0;
 }
 
-static double dark_variance(const struct station *station, const double *turns, size_t count)
+static double dark_variance(const struct station *station, double black, const double *turns,
+                            size_t count)
 {
     double weight = 0;
     for (size_t e = 0; e < count; e++) {
-        weight += weight_of(station, turns[e], e == 0, 0);
+        weight += weight_of(station, turns[e], e == 0, black);
     }
     return 1 / weight;
 }
 
-/* The pilot's black frames tell how a pixel's variance becomes an entry's: the fit over mixed pixels, and white. */
+/* The pilot's black frames tell how a pixel's variance becomes an entry's: the fit over mixed pixels, of which each colour has its own
+ * number, and white. */
 void foretold_init(struct foretold *foretold, const struct pilot *pilot,
                    const struct station *station, const struct plan *plan)
 {
     *foretold = (struct foretold){.pilot = pilot, .station = station, .window = plan->window};
-    double inverse = 0;
+    double dark = dark_variance(station, pilot->black, plan->exposure_turns, plan->exposure_count);
     for (int c = 0; c < pilot->channels; c++) {
-        inverse += 1 / (pilot->white[c] * pilot->white[c]) / pilot->channels;
+        double deviation = pilot->channel_noise[c] * pilot->white[c];
+        foretold->gain[c] = deviation * deviation / dark;
     }
-    foretold->gain = pilot->noise * pilot->noise /
-                     (inverse * dark_variance(station, plan->exposure_turns, plan->exposure_count));
 }
 
 double foretold_dark(const struct foretold *foretold, const double *turns, size_t count)
@@ -44,10 +45,10 @@ double foretold_dark(const struct foretold *foretold, const double *turns, size_
     const struct pilot *pilot = foretold->pilot;
     double sum = 0;
     for (int c = 0; c < pilot->channels; c++) {
-        sum += 1 / (pilot->white[c] * pilot->white[c]);
+        sum += foretold->gain[c] / (pilot->white[c] * pilot->white[c]);
     }
-    return sum * foretold->window * foretold->window * foretold->gain *
-           dark_variance(foretold->station, turns, count);
+    return sum * foretold->window * foretold->window *
+           dark_variance(foretold->station, pilot->black, turns, count);
 }
 
 /* Add the variances of a ring's entries, with the first 1, 2 ... exposures, to sums[count]. */
@@ -57,10 +58,11 @@ static void add_ring(const struct foretold *foretold, size_t index, int channel,
     int entries = ring ? 8 * ring : 1;
     double white = foretold->pilot->white[channel];
     double light = pilot_energy(foretold->pilot, index, channel, ring) / entries * white;
+    light = fmax(light, 0) + foretold->pilot->black;
     double weight = 0;
     for (size_t e = 0; e < count; e++) {
         weight += weight_of(foretold->station, turns[e], e == 0, light);
-        sums[e] += entries * foretold->gain / (white * white) / weight;
+        sums[e] += entries * foretold->gain[channel] / (white * white) / weight;
     }
 }
 

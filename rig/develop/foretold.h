@@ -13,8 +13,9 @@ enum { FORETOLD_MAXIMUM = 8 }; /* exposures */
 struct foretold {
     const struct pilot *pilot;
     const struct station *station;
-    int window;  /* of the responses */
-    double gain; /* variance of an entry that reflects 1 over a pixel's variance */
+    int window; /* of the responses */
+    double gain
+        [3]; /* by channel: variance of an entry of a white that shows 1, over a pixel's variance */
 };
 
 /* Deviation of a response's entries over the root of the sum of their squares: of all, and off the centre. */

@@ -19,6 +19,9 @@ int pilot_init(struct pilot *pilot, const struct nacre_scan_info *info, double n
                             .capacity = 64,
                             .noise = noise > 0 ? noise : 0};
     size_t channels = (size_t)pilot->channels;
+    for (int c = 0; c < 3; c++) {
+        pilot->channel_noise[c] = pilot->noise;
+    }
     /* The corner is nearer than this. */
     pilot->radii = (int)(1.5 * pilot->rings) + 1;
     pilot->energy =
@@ -307,6 +310,8 @@ static int gather(const char *path, const struct develop_report *report, struct 
         goto out;
     }
     memcpy(pilot->white, report->white, sizeof pilot->white);
+    pilot->black = fmax(report->black_level, 0); /* 0, too, where it is NaN */
+    memcpy(pilot->channel_noise, report->channel_noise, sizeof pilot->channel_noise);
     response = malloc(nacre_scan_response_size(info) * sizeof *response);
     if (!response) {
         status = nacre_fail_memory(error, "a response");

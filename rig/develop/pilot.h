@@ -27,7 +27,9 @@ struct pilot {
     size_t *fall_count;         /* the same: entries */
     int radii;
     int channels;
-    double noise;    /* deviation of an entry without light */
+    double noise;            /* deviation of an entry without light */
+    double channel_noise[3]; /* the same by channel */
+    double black;            /* raw units a second where nothing is lit, which has noise too */
     double white[3]; /* by channel, raw units a second of what reflects all light; 0: unknown */
 };
 

@@ -11,8 +11,8 @@ static const double misfit_limit = 0.1;
 /* Sums over the entries of developed black frames, and what the fit leaves of grids. */
 struct asking {
     const struct development *development;
-    double squares;
-    size_t entries;
+    double squares[3];
+    size_t entries[3];
     struct misfit misfit;
 };
 
@@ -34,13 +34,16 @@ static int take_black(void *state, const struct merged *merged, const float *res
                       struct nacre_error *error)
 {
     struct asking *asking = state;
-    size_t size = resampler_size(asking->development->resampler);
+    size_t points = resampler_size(asking->development->resampler) /
+                    (size_t)asking->development->calibration->flat.channels;
     (void)merged;
     (void)error;
-    for (size_t i = 0; i < size; i++) {
-        if (!isnan(result[i])) {
-            asking->squares += (double)result[i] * (double)result[i];
-            asking->entries++;
+    for (int c = 0; c < asking->development->calibration->flat.channels; c++) {
+        for (size_t i = 0; i < points; i++, result++) {
+            if (!isnan(*result)) {
+                asking->squares[c] += (double)*result * (double)*result;
+                asking->entries[c]++;
+            }
         }
     }
     return NACRE_OK;
@@ -127,10 +130,19 @@ int development_measure_noise(struct development *development, struct nacre_erro
     int status = visit_patterns(development->session, PATTERN_BLACK, NOISE_FRAMES,
                                 &development->calibration->noise, &visitor, development->progress,
                                 &visited, &missing, error);
+    struct develop_report *report = development->report;
     double frames = development->calibration->black_frames;
-    development->report->noise =
-        frames > 1 && asking.entries
-            ? sqrt(asking.squares / (double)asking.entries * frames / (frames - 1))
-            : NAN;
+    double squares = 0;
+    double entries = 0;
+    for (int c = 0; c < 3; c++) {
+        squares += asking.squares[c];
+        entries += (double)asking.entries[c];
+        report->channel_noise[c] =
+            frames > 1 && asking.entries[c]
+                ? sqrt(asking.squares[c] / (double)asking.entries[c] * frames / (frames - 1))
+                : NAN;
+    }
+    report->noise =
+        frames > 1 && entries > 0 ? sqrt(squares / entries * frames / (frames - 1)) : NAN;
     return status;
 }
