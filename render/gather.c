@@ -2,6 +2,7 @@
 #include "render/gather.h"
 
 #include "base/clock.h"
+#include "render/gather_convolved.h"
 #include "render/gather_cost.h"
 #include "render/gather_pass.h"
 #include "render/gather_probe.h"
@@ -21,6 +22,7 @@ struct run {
     struct gather_stock stock;
     struct gather_probe probe;
     float (*light)[3], (*exact)[3];
+    struct gather_convolved convolved;
     struct gather_counts *counts;
 };
 
@@ -62,12 +64,12 @@ static bool pays(const struct run *run, const struct levels *levels)
         return levels->merges;
     }
     struct gather_cost cost = gather_cost_of(&run->stock, levels);
-    return cost.summed < cost.plain;
+    double rest = 1 - (double)run->convolved.served.count / (double)run->stock.receivers.count;
+    return cost.summed < rest * cost.plain;
 }
 
-/* What these levels change, on the vertices drawn. */
-static int measure(struct run *run, const struct levels *levels, double *off,
-                   struct nacre_error *error)
+/* Vertices drawn, and what leaves them. */
+static int make_probe(struct run *run, struct nacre_error *error)
 {
     int status = NACRE_OK;
     if (!run->probe.groups) {
@@ -76,8 +78,17 @@ static int measure(struct run *run, const struct levels *levels, double *off,
             status = gather_plainly(run, &run->probe.bundles, run->exact, error);
         }
     }
+    return status;
+}
+
+/* What these levels change, on the vertices drawn. */
+static int measure(struct run *run, const struct levels *levels, double *off,
+                   struct nacre_error *error)
+{
+    int status = make_probe(run, error);
     if (status == NACRE_OK) {
         status = pass(run, levels, &run->probe.bundles, run->light, error);
+        gather_convolved_put(&run->convolved, run->light);
     }
     *off = status == NACRE_OK ? gather_probe_error(&run->probe, run->light, run->exact) : 0;
     return status;
@@ -131,15 +142,46 @@ static int prepare(struct run *run, const struct opencl *opencl, struct nacre_er
     return run->light && run->exact ? NACRE_OK : nacre_fail_memory(error, "the gathered light");
 }
 
+/* Convolve where that is sooner, and as far as it is within the tolerance. */
+static int convolve(struct run *run, struct nacre_error *error)
+{
+    double tolerance = run->gather->tolerance, off = 0;
+    struct levels levels;
+    int status = levels_make(&levels, run->gather->appearance, tolerance, error);
+    if (status == NACRE_OK && tolerance > 0) {
+        struct gather_cost cost = gather_cost_of(&run->stock, &levels);
+        status = gather_convolved_make(&run->convolved, &run->stock, cost, run->progress, error);
+    }
+    levels_finish(&levels);
+    if (status == NACRE_OK && run->convolved.served.count > 0) {
+        status = make_probe(run, error);
+    }
+    if (status == NACRE_OK && run->convolved.served.count > 0) {
+        status = gather_convolved_check(&run->convolved, &run->probe, run->progress, run->exact,
+                                        run->light, &off, error);
+    }
+    run->counts->error = off;
+    run->counts->convolved = run->convolved.served.count;
+    return status;
+}
+
 static int gather_light(struct run *run, struct nacre_error *error)
 {
-    struct levels levels;
+    struct levels levels = {0};
     int64_t start = now_ns();
-    int status = choose(run, &levels, error);
+    int status = convolve(run, error);
+    bool all = run->convolved.served.count == run->stock.receivers.count;
+    if (status == NACRE_OK && !all) {
+        status = choose(run, &levels, error);
+    }
     run->counts->choose_seconds = seconds_since(start);
     run->counts->squares = run->counts->posts = 0;
+    if (status == NACRE_OK && !all) {
+        status = pass(run, &levels, run->convolved.served.count > 0 ? &run->convolved.rest : NULL,
+                      run->light, error);
+    }
     if (status == NACRE_OK) {
-        status = pass(run, &levels, NULL, run->light, error);
+        gather_convolved_put(&run->convolved, run->light);
     }
     levels_finish(&levels);
     return status;
@@ -148,6 +190,7 @@ static int gather_light(struct run *run, struct nacre_error *error)
 static void run_finish(struct run *run)
 {
     gather_device_finish(&run->device);
+    gather_convolved_finish(&run->convolved);
     gather_probe_finish(&run->probe);
     gather_stock_finish(&run->stock);
     free(run->light);

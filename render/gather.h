@@ -19,7 +19,8 @@
 
 enum gather_way {
     GATHER_SOONEST,
-    GATHER_SUMMED /* even where that is not sooner: for what checks summing up */
+    GATHER_SUMMED, /* even where that is not sooner, and nothing convolved: for checks of summing up */
+    GATHER_CONVOLVED /* all that can be, even where that is not sooner: for checks of convolution */
 };
 
 struct gather {
@@ -40,7 +41,8 @@ struct gather_counts {
         points; /* pairs looked at of a vertex and a sample or a surface point, also for checks */
     uint64_t squares,
         posts; /* pairs of a post and a square, and posts; 0 where samples were taken one by one */
-    double error; /* that summing up makes, as the tolerance has it, measured */
+    uint64_t convolved; /* receivers that were served by convolution (convolve.h) */
+    double error;       /* that summing up and convolving make, as the tolerance has it, measured */
     double prepare_seconds, choose_seconds, launch_seconds;
 };
 

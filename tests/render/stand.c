@@ -165,6 +165,11 @@ struct gather_counts stand_gather_summed(struct stand *stand, double tolerance)
     return run(stand, tolerance, GATHER_SUMMED);
 }
 
+struct gather_counts stand_gather_convolved(struct stand *stand, double tolerance)
+{
+    return run(stand, tolerance, GATHER_CONVOLVED);
+}
+
 void stand_gather_reference(struct stand *stand)
 {
     struct gather gather = gather_of(stand, 0);

@@ -32,10 +32,11 @@ void stand_add_sample_at(struct stand *stand, size_t vertex);
 /* Evenly lit: `density` samples to a surface point, of irradiance 1. */
 void stand_light_evenly(struct stand *stand, double density);
 
-/* The smooth part into stand->radiosity, which is cleared first: gather_run, also where summing up is not sooner, or its
- * reference. */
+/* The smooth part into stand->radiosity, which is cleared first: gather_run, also where summing up or convolving is not
+ * sooner, or its reference. */
 struct gather_counts stand_gather(struct stand *stand, double tolerance);
 struct gather_counts stand_gather_summed(struct stand *stand, double tolerance);
+struct gather_counts stand_gather_convolved(struct stand *stand, double tolerance);
 void stand_gather_reference(struct stand *stand);
 
 /* A material of one kernel, exp(-r / reach) scaled to the sum `albedo`, and F = H = 1. */

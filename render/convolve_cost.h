@@ -1,0 +1,24 @@
+/* What convolving takes, by counts, and which receivers it is to serve. */
+#ifndef RENDER_CONVOLVE_COST_H
+#define RENDER_CONVOLVE_COST_H
+
+#include "render/convolve_patches.h"
+#include "render/convolve_plan.h"
+
+/* Estimated nanoseconds of one processor for all patches; patches that cannot be cut are taken out. */
+double convolve_cost_ns(struct convolve_patches *patches, size_t receivers,
+                        const struct mapping *mapping, const struct appearance *appearance,
+                        struct convolve_planes planes, int fine, double samples);
+
+/* Receivers that are served: those of a misfit up to the limit. */
+struct convolve_served {
+    size_t count;
+    float limit;   /* -1 where there are none */
+    double misfit; /* root mean square over all receivers, where others count as 0 */
+};
+
+/* As many as there are with a misfit of at most `most` all in all. */
+struct convolve_served convolve_serve(const struct convolve_patches *patches, size_t receivers,
+                                      double most);
+
+#endif
