@@ -201,7 +201,8 @@ static void transform_plane(const struct run *run, const struct block *block, in
     for (; color < last; color++) {
         for (int m = 0; m < MIRRORINGS; m++) {
             if (block->slot[m] >= 0) {
-                size_t out = (size_t)(block->slot[m] * run->how->planes.out + color * kept + term);
+                size_t out = (size_t)block->slot[m] * (size_t)run->how->planes.out +
+                             (size_t)color * (size_t)kept + (size_t)term;
                 convolve_kernels_apply(&run->kernels, color, term, m & 1, m >> 1, light, product);
                 fft_plane_inverse(fft, product, plan->reach, plan->reach + block->rows,
                                   run->out + out * rows * width);
@@ -356,6 +357,7 @@ static int make_patch(struct run *run, size_t patch, struct nacre_error *error)
                               run->ffts, error) != NACRE_OK) {
         return NACRE_FAILED;
     }
+    /* NOLINTNEXTLINE(clang-analyzer-unix.Malloc): finish_patch frees it all */
     return sort_rows(run, patch, error);
 }
 

@@ -77,7 +77,7 @@ int convolve_kernels_make(struct convolve_kernels *kernels, const struct appeara
     }
 #pragma omp parallel for schedule(dynamic, 1) reduction(| : failed)
     for (int i = 0; i < count; i++) {
-        double *work = malloc(side * side * sizeof *work);
+        double *work = calloc(side * side, sizeof *work);
         float *values = malloc(plane * sizeof *values);
         failed |= !work || !values;
         if (work && values) {

@@ -12,7 +12,8 @@ int convolve_rows_make(struct convolve_rows *rows, int first, int row_count, con
                                    .order = malloc((count + 1) * sizeof *rows->order)};
     if (!rows->starts || !rows->order) {
         convolve_rows_finish(rows);
-        return nacre_fail_memory(error, "the light in the texture");
+        (void)nacre_fail_memory(error, "the light in the texture");
+        return NACRE_FAILED;
     }
     uint32_t *at = rows->starts + 1, sum = 0; /* ends up as the starts, one row on */
     for (size_t i = 0; i < count; i++) {

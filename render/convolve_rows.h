@@ -26,8 +26,8 @@ static inline void convolve_rows_between(const struct convolve_rows *rows, int b
     int low = begin - rows->first, high = end - rows->first;
     low = low < 0 ? 0 : low > rows->count ? rows->count : low;
     high = high < low ? low : high > rows->count ? rows->count : high;
-    *from = rows->starts[low];
-    *to = rows->starts[high];
+    *from = rows->starts ? rows->starts[low] : 0;
+    *to = rows->starts ? rows->starts[high] : 0;
 }
 
 #endif

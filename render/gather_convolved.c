@@ -8,10 +8,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { TRIES = 6 };
+enum { TRIES = 6, LEAST_SHARE = 16 };
 
 /* Convolving must promise this share less: it may be off too far, and then was in vain. */
 static const double margin = 0.8;
+
+/* A few vertices here and there are no reason to take two ways. */
+static bool worthwhile(const struct gather_convolved *convolved)
+{
+    return convolved->served.count * LEAST_SHARE > convolved->stock->receivers.count;
+}
 
 /* Both ways together, as far as each goes. */
 static bool pays(struct gather_convolved *convolved, int fine)
@@ -24,8 +30,8 @@ static bool pays(struct gather_convolved *convolved, int fine)
     double ns = convolve_cost_ns(&convolved->patches, stock->receivers.count,
                                  stock->gather->mapping, stock->gather->appearance,
                                  convolved->how.planes, fine, (double)stock->samples.count);
-    return convolved->served.count > 0 && (stock->gather->way == GATHER_CONVOLVED ||
-                                           ns + gather < margin * fmin(cost.plain, cost.summed));
+    return worthwhile(convolved) && (stock->gather->way == GATHER_CONVOLVED ||
+                                     ns + gather < margin * fmin(cost.plain, cost.summed));
 }
 
 static int run(struct gather_convolved *convolved, struct progress *progress,
@@ -142,7 +148,9 @@ int gather_convolved_check(struct gather_convolved *convolved, const struct gath
         }
         most = fmin(most, convolved->served.misfit) * fmin(fmax(0.9 * limit / *off, 0.1), 0.7);
         convolved->served = convolve_serve(&convolved->patches, count, most);
-        convolved->served.count = convolved->served.count < before ? convolved->served.count : 0;
+        if (convolved->served.count == before || !worthwhile(convolved)) {
+            break;
+        }
     }
     convolved->served.count = 0;
     *off = 0;

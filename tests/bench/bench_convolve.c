@@ -54,13 +54,13 @@ static void make_appearance(struct bench *bench, int window, int terms)
     uint32_t state = 1;
     must(nacre_material_allocate(&material, true, false, &error));
     for (size_t k = 0; k < (size_t)terms * 3; k++) {
-        double reach = window * (0.02 + 0.08 * (double)(k / 3 + 1) / terms) *
+        double reach = window * (0.02 + 0.08 * ((double)(k - k % 3) / 3 + 1) / terms) *
                        (1 + 0.1 * (double)(k % 3)),
                sum = 0;
         float *kernel = material.kernels + k * side * side;
         for (size_t i = 0; i < points; i++) {
             double x = (double)(i % TILE_WIDTH), y = (double)i / TILE_WIDTH;
-            double wave = sin(0.05 * x * (double)(1 + k / 3) + (double)k) * cos(0.07 * y);
+            double wave = sin(0.05 * x * (1 + (double)(k - k % 3) / 3) + (double)k) * cos(0.07 * y);
             material.f[k * points + i] = (float)(0.6 + 0.3 * wave + 0.2 * random_share(&state));
             material.h[k * points + i] = (float)(0.6 - 0.3 * wave);
         }
@@ -215,7 +215,7 @@ static void run(struct bench *bench, double radius, int window, int terms)
 int main(int argc, char **argv)
 {
     struct bench bench = {0};
-    int only = argc > 1 ? atoi(argv[1]) : -1;
+    long only = argc > 1 ? strtol(argv[1], NULL, 10) : -1;
     must(opencl_open(NULL, &bench.opencl, &error));
     printf("%s\n", bench.opencl.name);
     for (int i = 0; i < 8; i++) {
