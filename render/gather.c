@@ -147,8 +147,11 @@ static int convolve(struct run *run, struct nacre_error *error)
 {
     double tolerance = run->gather->tolerance, off = 0;
     struct levels levels;
+    if (run->gather->appearance->layout != NACRE_KERNEL_PER_TERM || !(tolerance > 0)) {
+        return NACRE_OK;
+    }
     int status = levels_make(&levels, run->gather->appearance, tolerance, error);
-    if (status == NACRE_OK && tolerance > 0) {
+    if (status == NACRE_OK) {
         struct gather_cost cost = gather_cost_of(&run->stock, &levels);
         status = gather_convolved_make(&run->convolved, &run->stock, cost, run->progress, error);
     }
