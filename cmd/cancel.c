@@ -1,9 +1,6 @@
 /* nacre cancel: stop nacred's scan. */
-#include "cmd/json_print.h"
 #include "cmd/station_follow.h"
 #include "cmd/verbs.h"
-
-#include <stdio.h>
 
 struct cancel_settings {
     bool user;
@@ -14,24 +11,7 @@ static const struct option_spec cancel_options[] = {STATION_OPTION_USER(cancel_s
 static int run(const void *values, const struct invocation *invocation, struct nacre_error *error)
 {
     const struct cancel_settings *settings = values;
-    const struct follow follow = {.reached = station_reached_end, .quiet = invocation->quiet};
-    struct station_view view = {.state = ""};
-    sd_bus *bus = NULL;
-    int status = station_connect(settings->user, &bus, error);
-    if (status == NACRE_OK) {
-        status = station_call(bus, "Cancel", NULL, NULL, error);
-    }
-    if (status == NACRE_OK) {
-        status = station_follow(bus, &follow, &view, error);
-    }
-    if (status == NACRE_OK && invocation->json) {
-        status = json_print(station_view_json(&view), error);
-    } else if (status == NACRE_OK) {
-        (void)puts(view.message); /* options_run looks after standard output */
-    }
-    station_view_finish(&view);
-    sd_bus_flush_close_unref(bus);
-    return status;
+    return station_stop(settings->user, "Cancel", station_reached_end, invocation, error);
 }
 
 const struct verb verb_cancel = {

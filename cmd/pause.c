@@ -1,9 +1,7 @@
 /* nacre pause: stop nacred's scan before its next pattern. */
-#include "cmd/json_print.h"
 #include "cmd/station_follow.h"
 #include "cmd/verbs.h"
 
-#include <stdio.h>
 #include <string.h>
 
 struct pause_settings {
@@ -21,24 +19,7 @@ static bool reached_pause(const struct station_view *view)
 static int run(const void *values, const struct invocation *invocation, struct nacre_error *error)
 {
     const struct pause_settings *settings = values;
-    const struct follow follow = {.reached = reached_pause, .quiet = invocation->quiet};
-    struct station_view view = {.state = ""};
-    sd_bus *bus = NULL;
-    int status = station_connect(settings->user, &bus, error);
-    if (status == NACRE_OK) {
-        status = station_call(bus, "Pause", NULL, NULL, error);
-    }
-    if (status == NACRE_OK) {
-        status = station_follow(bus, &follow, &view, error);
-    }
-    if (status == NACRE_OK && invocation->json) {
-        status = json_print(station_view_json(&view), error);
-    } else if (status == NACRE_OK) {
-        (void)puts(view.message); /* options_run looks after standard output */
-    }
-    station_view_finish(&view);
-    sd_bus_flush_close_unref(bus);
-    return status;
+    return station_stop(settings->user, "Pause", reached_pause, invocation, error);
 }
 
 const struct verb verb_pause = {

@@ -208,6 +208,29 @@ static int judge(const struct station_view *view, const struct invocation *invoc
     return NACRE_OK;
 }
 
+int station_stop(bool user, const char *method, bool (*reached)(const struct station_view *view),
+                 const struct invocation *invocation, struct nacre_error *error)
+{
+    const struct follow follow = {.reached = reached, .quiet = invocation->quiet};
+    struct station_view view = {.state = ""};
+    sd_bus *bus = NULL;
+    int status = station_connect(user, &bus, error);
+    if (status == NACRE_OK) {
+        status = station_call(bus, method, NULL, NULL, error);
+    }
+    if (status == NACRE_OK) {
+        status = station_follow(bus, &follow, &view, error);
+    }
+    if (status == NACRE_OK && invocation->json) {
+        status = json_print(station_view_json(&view), error);
+    } else if (status == NACRE_OK) {
+        (void)puts(view.message); /* options_run looks after standard output */
+    }
+    station_view_finish(&view);
+    sd_bus_flush_close_unref(bus);
+    return status;
+}
+
 int station_follow_scan(sd_bus *bus, bool detach, const struct invocation *invocation,
                         struct nacre_error *error)
 {

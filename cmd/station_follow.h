@@ -20,6 +20,11 @@ int station_follow(sd_bus *bus, const struct follow *follow, struct station_view
 bool station_reached_end(const struct station_view *view);
 bool station_reached_devices(const struct station_view *view);
 
+/* Call a method that stops the scan, follow it until that is `reached`, and print nacred's words or, with --json, its
+ * properties. */
+int station_stop(bool user, const char *method, bool (*reached)(const struct station_view *view),
+                 const struct invocation *invocation, struct nacre_error *error);
+
 /* Follow a scan that was begun or resumed, to its end or (`detach`) until it runs, and print what came of it. */
 int station_follow_scan(sd_bus *bus, bool detach, const struct invocation *invocation,
                         struct nacre_error *error);

@@ -1,5 +1,7 @@
 #!/usr/bin/env python3
-"""Runs clang-tidy over the sources of a build folder's compile_commands.json, in parallel; prints totals as Unity does."""
+"""lint.py BUILD [FILE...]: runs clang-tidy over these sources, or all of BUILD's compile_commands.json, in parallel.
+
+Prints totals as Unity does."""
 import concurrent.futures
 import json
 import os
@@ -23,12 +25,21 @@ def sources():
     return sorted(p for p in paths if p.endswith('.c') and not p.startswith((own_build, 'subprojects', '..')))
 
 
+def asked_for():
+    """The files of the command line, which must be among the sources; all sources without any."""
+    paths = [os.path.relpath(os.path.abspath(p), root) for p in sys.argv[2:]]
+    unknown = sorted(set(paths) - set(sources()))
+    if unknown:
+        sys.exit(f'lint: {build} does not compile {", ".join(unknown)}')
+    return paths or sources()
+
+
 def check(path):
     run = subprocess.run(['clang-tidy', '--quiet', '-p', build, path], cwd=root, capture_output=True, text=True)
     return path, run.returncode, run.stdout
 
 
-files = sources()
+files = asked_for()
 wrong = 0
 with concurrent.futures.ThreadPoolExecutor(len(os.sched_getaffinity(0))) as pool:
     for path, status, output in pool.map(check, files):

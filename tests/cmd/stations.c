@@ -5,6 +5,7 @@
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 static const char sample[] = "width: 20\n"
                              "height: 16\n"
@@ -94,5 +95,21 @@ void stations_write_scene(const char *path, const char *material)
         abort();
     }
     text_write(path, text);
+    free(text);
+}
+
+void stations_change(const char *path, const char *from, const char *to)
+{
+    size_t size = 0;
+    char *text = (char *)file_read(path, &size);
+    char *place = text ? strstr(text, from) : NULL;
+    char *changed = NULL;
+    if (!place ||
+        asprintf(&changed, "%.*s%s%s", (int)(place - text), text, to, place + strlen(from)) < 0) {
+        (void)fprintf(stderr, "%s: cannot be read, or has no \"%s\"\n", path, from);
+        abort(); /* a test that cannot set itself up must not go on */
+    }
+    text_write(path, changed);
+    free(changed);
     free(text);
 }

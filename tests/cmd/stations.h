@@ -11,6 +11,9 @@ void stations_write(const char *folder);
 /* The same with a lamp that drifts and flickers, a read-out time and frames that are dropped or late. */
 void stations_write_restless(const char *folder);
 
+/* Replace `from`, which must be there, by `to` in a settings file. */
+void stations_change(const char *path, const char *from, const char *to);
+
 /* Write a scene of a slab in that material. */
 void stations_write_scene(const char *path, const char *material);
 

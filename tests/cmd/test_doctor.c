@@ -26,21 +26,6 @@ void tearDown(void)
     folder_remove(folder);
 }
 
-/* The station's file with `from` replaced by `to`. */
-static void change(const char *from, const char *to)
-{
-    size_t size = 0;
-    char *text = (char *)file_read(station, &size);
-    char *place = text ? strstr(text, from) : NULL;
-    char *changed = NULL;
-    TEST_ASSERT_NOT_NULL_MESSAGE(place, from);
-    TEST_ASSERT_TRUE(
-        asprintf(&changed, "%.*s%s%s", (int)(place - text), text, to, place + strlen(from)) >= 0);
-    text_write(station, changed);
-    free(changed);
-    free(text);
-}
-
 static void visit(const char *more)
 {
     const char *const arguments[] = {program,   "doctor", "--station", station,
@@ -64,7 +49,7 @@ static const char *verdict_of(const json_t *root, const char *name)
 
 static void virtual_station_is_well_and_its_latency_is_found(void)
 {
-    change("vignetting: 0.1}", "vignetting: 0.1, latency_ms: 21.5}");
+    stations_change(station, "vignetting: 0.1}", "vignetting: 0.1, latency_ms: 21.5}");
     visit("--json");
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, ran.status, ran.errors);
     json_t *root = json_loads(ran.output, 0, NULL);
@@ -89,12 +74,12 @@ static void checks_are_told_one_a_line(void)
 
 static void devices_that_are_not_there_are_all_named(void)
 {
-    change("camera: {driver: virtual,",
-           "camera: {driver: v4l2, v4l2: {device: /dev/nonexistent-camera},");
-    change("projector: {driver: virtual,",
-           "projector: {driver: egl, egl: {device: /dev/nonexistent-card},");
-    change("trigger: {driver: virtual}",
-           "trigger: {driver: gpio, gpio: {output: {line: nonexistent-line}}}");
+    stations_change(station, "camera: {driver: virtual,",
+                    "camera: {driver: v4l2, v4l2: {device: /dev/nonexistent-camera},");
+    stations_change(station, "projector: {driver: virtual,",
+                    "projector: {driver: egl, egl: {device: /dev/nonexistent-card},");
+    stations_change(station, "trigger: {driver: virtual}",
+                    "trigger: {driver: gpio, gpio: {output: {line: nonexistent-line}}}");
     visit("--json");
     TEST_ASSERT_EQUAL_INT(1, ran.status);
     json_t *root = json_loads(ran.output, 0, NULL);
@@ -113,7 +98,7 @@ static void devices_that_are_not_there_are_all_named(void)
 
 static void station_in_the_dark_is_wrong(void)
 {
-    change("pixels_per_point: 4}", "pixels_per_point: 4, full_scale_s: 900}");
+    stations_change(station, "pixels_per_point: 4}", "pixels_per_point: 4, full_scale_s: 900}");
     visit(NULL);
     TEST_ASSERT_EQUAL_INT(1, ran.status);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(ran.output, "does not see the projector"), ran.output);

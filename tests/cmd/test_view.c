@@ -36,21 +36,6 @@ void tearDown(void)
     folder_remove(folder);
 }
 
-/* The station's file with `from` replaced by `to`. */
-static void change(const char *from, const char *to)
-{
-    size_t size = 0;
-    char *text = (char *)file_read(station, &size);
-    char *place = text ? strstr(text, from) : NULL;
-    char *changed = NULL;
-    TEST_ASSERT_NOT_NULL_MESSAGE(place, from);
-    TEST_ASSERT_TRUE(
-        asprintf(&changed, "%.*s%s%s", (int)(place - text), text, to, place + strlen(from)) >= 0);
-    text_write(station, changed);
-    free(changed);
-    free(text);
-}
-
 static void view(const char *pattern, const char *exposure)
 {
     const char *const arguments[] = {
@@ -172,7 +157,7 @@ static void focus_falls_as_the_lens_is_defocused(void)
 {
     view("dots", NULL);
     double sharp = number("focus");
-    change("pixels_per_point: 4}", "pixels_per_point: 4, defocus_px: 4}");
+    stations_change(station, "pixels_per_point: 4}", "pixels_per_point: 4, defocus_px: 4}");
     view("dots", NULL);
     double blurred = number("focus");
     TEST_ASSERT_TRUE(sharp > 0 && blurred > 0);
@@ -182,7 +167,7 @@ static void focus_falls_as_the_lens_is_defocused(void)
 
 static void station_in_the_dark_has_no_region(void)
 {
-    change("pixels_per_point: 4}", "pixels_per_point: 4, full_scale_s: 90000}");
+    stations_change(station, "pixels_per_point: 4}", "pixels_per_point: 4, full_scale_s: 90000}");
     view("white", NULL);
     TEST_ASSERT_TRUE(json_is_null(json_object_get(result, "region")));
     TEST_ASSERT_EQUAL_DOUBLE(0, share_of(0.1F, 1, 0.1F));
@@ -190,7 +175,7 @@ static void station_in_the_dark_has_no_region(void)
 
 static void grey_cameras_are_looked_through_too(void)
 {
-    change("bayer: RGGB", "bayer: mono");
+    stations_change(station, "bayer: RGGB", "bayer: mono");
     view("grid", NULL);
     TEST_ASSERT_TRUE(region("width") >= 76);
     TEST_ASSERT_TRUE(number("focus") > 0);
