@@ -34,6 +34,10 @@ static void print_object(size_t number, const struct render_object_report *objec
         "  surface point %.3g mm, drawn larger by %.2f / %.2f / %.2f (5 / 50 / 95 %% of the "
         "surface)\n",
         object->point_mm, object->stretch[0], object->stretch[1], object->stretch[2]);
+    if (object->edge_on > 0) {
+        (void)printf("  streaks     %.2g %% of the surface, which the mapping sees from the side\n",
+                     100 * object->edge_on);
+    }
     if (object->limited) {
         (void)printf("  coarse      edges are longer than a surface point; raise --triangles\n");
     }
@@ -113,15 +117,16 @@ int render_print_json(const char *picture, int frames, const struct render_repor
         const struct render_object_report *o = &report->objects[i];
         (void)json_array_append_new(
             objects,
-            json_pack(
-                "{s:I, s:I, s:I, s:I, s:I, s:b, s:I, s:I, s:I, s:f, s:[f, f, f], s:b}", "vertices",
-                (json_int_t)o->vertices, "triangles", (json_int_t)o->triangles, "degenerate",
-                (json_int_t)o->degenerate, "open_edges", (json_int_t)o->open_edges, "crowded_edges",
-                (json_int_t)o->crowded_edges, "translucent", o->translucent, "samples",
-                (json_int_t)o->counts.samples, "pairs",
-                (json_int_t)o->counts.gather.points + (json_int_t)o->counts.gather.squares, "rays",
-                (json_int_t)rays_of(&o->counts.work), "point_mm", o->point_mm, "stretch",
-                o->stretch[0], o->stretch[1], o->stretch[2], "limited", o->limited));
+            json_pack("{s:I, s:I, s:I, s:I, s:I, s:b, s:I, s:I, s:I, s:f, s:[f, f, f], s:f, s:b}",
+                      "vertices", (json_int_t)o->vertices, "triangles", (json_int_t)o->triangles,
+                      "degenerate", (json_int_t)o->degenerate, "open_edges",
+                      (json_int_t)o->open_edges, "crowded_edges", (json_int_t)o->crowded_edges,
+                      "translucent", o->translucent, "samples", (json_int_t)o->counts.samples,
+                      "pairs",
+                      (json_int_t)o->counts.gather.points + (json_int_t)o->counts.gather.squares,
+                      "rays", (json_int_t)rays_of(&o->counts.work), "point_mm", o->point_mm,
+                      "stretch", o->stretch[0], o->stretch[1], o->stretch[2], "edge_on", o->edge_on,
+                      "limited", o->limited));
     }
     if (root && report->refine.count > 0) {
         (void)json_object_set_new(root, "refined", refine_to_json(&report->refine));

@@ -7,21 +7,14 @@
 #include <stdlib.h>
 #include <string.h>
 
-const char *const render_effect_names[RENDER_EFFECTS] = {
-    "shadows",
-    "soft light",
-    "projected picture",
-    "environment",
-    "interreflection",
-    "Fresnel transmission",
-    "local reflection",
-    "subsurface scattering",
-    "thin parts",
-    "clusters",
-    "colour",
-    "highlights",
-    "mirror reflection",
-};
+#define SHADOWS_TO_THIN                                                                            \
+    "shadows", "soft light", "projected picture", "environment", "interreflection",                \
+        "Fresnel transmission", "local reflection", "subsurface scattering", "thin parts"
+#define SURFACE "highlights", "mirror reflection"
+
+const char *const render_effect_names[RENDER_EFFECTS] = {SHADOWS_TO_THIN, "clusters", "colour",
+                                                         SURFACE};
+const char *const render_effects_forbiddable[] = {SHADOWS_TO_THIN, SURFACE, NULL};
 
 /* A light this much smaller than it is far counts as a point: the error of its middle in place of the mean over it is
  * about the square, 1e-3, which no picture of 8 bits shows. */

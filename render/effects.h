@@ -31,11 +31,8 @@ enum render_effect {
 /* What --explain and `without` call them. */
 extern const char *const render_effect_names[RENDER_EFFECTS];
 
-/* Those that are what the material is and cannot be left out of it. */
-static inline bool render_effect_is_data(enum render_effect effect)
-{
-    return effect == RENDER_CLUSTERS || effect == RENDER_COLOR;
-}
+/* What `without` can forbid, NULL-terminated: all but clusters and colour, which are what the material is. */
+extern const char *const render_effects_forbiddable[];
 
 /* tests/render/effects_cost.py compiles single effects out, or all that a material can do without (RENDER_EFFECTS), to
  * show that an effect which is not called for costs what one that does not exist costs. */

@@ -247,6 +247,9 @@ static int compare_stretch(const void *a, const void *b)
     return (one > two) - (one < two);
 }
 
+/* A surface that is drawn longer by more is seen from within a thousandth of its plane. */
+static const double most_stretch = 1e3;
+
 /* The principal stretches from material to surface, of a triangle whose gradients are given. */
 static void principal_stretches(struct vec3 gx, struct vec3 gy, double stretches[2])
 {
@@ -258,11 +261,11 @@ static void principal_stretches(struct vec3 gx, struct vec3 gy, double stretches
 }
 
 int mapping_stretch(const struct mapping *mapping, const struct mesh *mesh, double percentiles[3],
-                    struct nacre_error *error)
+                    double *edge_on, struct nacre_error *error)
 {
     struct weighted *list = calloc(2 * mesh->triangle_count + 1, sizeof *list);
     size_t count = 0;
-    double total = 0, passed = 0;
+    double total = 0, passed = 0, streaks = 0;
     if (!list) {
         return nacre_fail_memory(error, "the stretch of a mapping");
     }
@@ -283,6 +286,10 @@ int mapping_stretch(const struct mapping *mapping, const struct mesh *mesh, doub
             gy = vec3_along(chart.along_y, -vec3_dot(chart.along_y, n), n);
         }
         principal_stretches(gx, gy, stretches);
+        if (isfinite(stretches[0]) && stretches[1] > most_stretch) {
+            streaks += 2 * area;
+            continue;
+        }
         for (int k = 0; k < 2 && isfinite(stretches[0]); k++) {
             list[count++] = (struct weighted){stretches[k], area};
             total += area;
@@ -299,6 +306,7 @@ int mapping_stretch(const struct mapping *mapping, const struct mesh *mesh, doub
         }
         passed += list[i].area;
     }
+    *edge_on = streaks > 0 ? streaks / (streaks + total) : 0;
     free(list);
     return NACRE_OK;
 }

@@ -71,8 +71,9 @@ static inline bool mapping_mirrored(int64_t i, int size, bool mirror)
 }
 
 /* How much longer (> 1) or shorter the material's surface points are drawn than they are, over the surface's area:
- * the 5th, 50th and 95th percentile of both principal stretches. */
+ * the 5th, 50th and 95th percentile of both principal stretches. *edge_on: the share of the surface that the mapping
+ * sees from the side, so that it draws no more than streaks; it is in no percentile. */
 int mapping_stretch(const struct mapping *mapping, const struct mesh *mesh, double percentiles[3],
-                    struct nacre_error *error);
+                    double *edge_on, struct nacre_error *error);
 
 #endif

@@ -29,6 +29,7 @@ struct render_object_report {
         crowded_edges;         /* of the mesh as it was: with one triangle, with more than two */
     bool translucent, limited; /* limited: edges stayed longer than a surface point */
     double stretch[3];         /* percentiles 5, 50, 95 of drawn over true size */
+    double edge_on;            /* share of the surface that the mapping sees from the side */
     double point_mm;
     struct bake_counts counts;
 };

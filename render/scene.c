@@ -428,7 +428,7 @@ static const struct settings_field scene_fields[] = {
      .offset = offsetof(struct scene, without),
      .length_offset = offsetof(struct scene, without_count),
      .line_offset = offsetof(struct scene, without_line),
-     .column_offset = offsetof(struct scene, without_column),
+     .words = render_effects_forbiddable,
      .sentence = "effects that must not be rendered, by the names that --explain prints"},
     {.key = "lights",
      .kind = SETTINGS_LIST,
@@ -483,32 +483,6 @@ static int check_light(const char *name, const struct scene_light *light, struct
     return NACRE_OK;
 }
 
-static int check_without(const char *name, const struct scene *scene, struct nacre_error *error)
-{
-    for (size_t i = 0; i < scene->without_count; i++) {
-        bool known = false, data = false;
-        for (int k = 0; k < RENDER_EFFECTS; k++) {
-            bool same = strcmp(scene->without[i], render_effect_names[k]) == 0;
-            known = known || same;
-            data = data || (same && render_effect_is_data((enum render_effect)k));
-        }
-        if (data) {
-            return nacre_fail(error,
-                              "%s:%d:%d: without: %s is what the material is made of; another "
-                              "material may have none",
-                              name, scene->without_line, scene->without_column, scene->without[i]);
-        }
-        if (!known) {
-            return nacre_fail(
-                error,
-                "%s:%d:%d: without: there is no effect \"%s\"; `nacre render --explain` "
-                "lists them",
-                name, scene->without_line, scene->without_column, scene->without[i]);
-        }
-    }
-    return NACRE_OK;
-}
-
 static int check(const char *name, const struct scene *scene, struct nacre_error *error)
 {
     const struct scene_camera *camera = &scene->camera;
@@ -530,9 +504,6 @@ static int check(const char *name, const struct scene *scene, struct nacre_error
                           "%s:%d:%d: the environment is the picture's background; leave out "
                           "image.background",
                           name, scene->environment.line, scene->environment.column);
-    }
-    if (check_without(name, scene, error) != NACRE_OK) {
-        return NACRE_FAILED;
     }
     for (size_t i = 0; i < scene->light_count; i++) {
         if (check_light(name, &scene->lights[i], error) != NACRE_OK) {

@@ -111,7 +111,7 @@ struct scene {
     int bounces, bounces_line; /* of light between surfaces */
     char **without;            /* effects that are forbidden; see effects.h */
     size_t without_count;
-    int without_line, without_column;
+    int without_line;
     struct scene_object *objects;
     size_t object_count;
     int objects_line, objects_column;

@@ -69,8 +69,9 @@ static int refine_translucent(const struct stage *stage, struct stage_object *pr
         return NACRE_FAILED;
     }
     prepared->light = calloc(mesh->vertex_count + 1, sizeof *prepared->light);
-    return prepared->light ? mapping_stretch(&prepared->mapping, mesh, report->stretch, error)
-                           : nacre_fail_memory(error, "the light on the mesh");
+    return prepared->light
+               ? mapping_stretch(&prepared->mapping, mesh, report->stretch, &report->edge_on, error)
+               : nacre_fail_memory(error, "the light on the mesh");
 }
 
 /* Whether plain objects are lit here and not by POV-Ray alone. */

@@ -33,7 +33,7 @@ struct settings_field {
     double minimum, maximum; /* inclusive; both 0: no limits. Lists: of each number */
     bool required;
     const char *fallback;     /* all but STRUCT and LIST: the default, in YAML; NULL: zero */
-    const char *const *words; /* SETTINGS_CHOICE: NULL-terminated */
+    const char *const *words; /* NULL-terminated; CHOICE: of one, STRINGS: of each, NULL: any */
     const struct settings_schema *schema;
     const char *sentence;              /* what it means, with its unit */
     size_t line_offset, column_offset; /* of ints that get the key's line and column (0: none) */

@@ -250,8 +250,10 @@ static int set_strings(const struct settings_source *source, const struct settin
     }
     *length = count;
     for (size_t i = 0; i < count; i++) {
-        if (set_string(source, field->key, item_node(source, node, i), &(*values)[i], error) !=
-            NACRE_OK) {
+        const yaml_node_t *item = item_node(source, node, i);
+        int word;
+        if ((field->words && set_choice(source, field, item, &word, error) != NACRE_OK) ||
+            set_string(source, field->key, item, &(*values)[i], error) != NACRE_OK) {
             return NACRE_FAILED;
         }
     }

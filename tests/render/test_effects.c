@@ -115,19 +115,23 @@ static void forbidden_effects_are_left_out(void)
     TEST_ASSERT_TRUE(stage.effects.objects[0].same_side);
 }
 
-static void refuses(const char *text, const char *why)
+static void refuses(const char *text, const char *place, const char *why)
 {
     finish();
     TEST_ASSERT_EQUAL_INT(NACRE_FAILED, scene_parse("scene.yaml", scratch_path(""), text,
                                                     strlen(text), &scene, &error));
-    TEST_ASSERT_EQUAL_STRING_LEN("scene.yaml:3:1: ", error.text, 16);
+    TEST_ASSERT_EQUAL_STRING_LEN(place, error.text, strlen(place));
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, why), error.text);
 }
 
 static void what_cannot_be_forbidden_is_refused(void)
 {
-    refuses(VIEW "without: [moonshine]\nlights: []\nobjects:\n" BALL, "moonshine");
-    refuses(VIEW "without: [colour]\nlights: []\nobjects:\n" BALL, "colour");
+    refuses(VIEW "without: [moonshine]\nlights: []\nobjects:\n" BALL,
+            "scene.yaml:3:11: ", "moonshine");
+    refuses(VIEW "without:\n  - shadows\n  - colour\nlights: []\nobjects:\n" BALL,
+            "scene.yaml:5:5: ", "colour");
+    refuses(VIEW "without: [highlight]\nlights: []\nobjects:\n" BALL,
+            "scene.yaml:3:11: ", "perhaps 'highlights'");
 }
 
 /* Narrower than half a surface point, or than half a pixel: the albedo, and no gather. */

@@ -320,14 +320,56 @@ static void box_mapping_blends_between_faces(void)
 
 static void stretch_is_told(void)
 {
-    double percentiles[3];
+    double percentiles[3], edge_on;
     map_sphere(MAPPING_UV);
-    TEST_ASSERT_EQUAL_INT(NACRE_OK, mapping_stretch(&mapping, &mesh, percentiles, &error));
+    TEST_ASSERT_EQUAL_INT(NACRE_OK,
+                          mapping_stretch(&mapping, &mesh, percentiles, &edge_on, &error));
+    TEST_ASSERT_EQUAL_DOUBLE(0, edge_on);
     /* Along meridians the scale is true; along circles of latitude l the material shrinks to cos l, whose 10th
      * percentile over the area (both stretches count half) is where sin l = 0.9: 0.436. */
     TEST_ASSERT_DOUBLE_WITHIN(0.02, 0.436, percentiles[0]);
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 1, percentiles[1]);
     TEST_ASSERT_DOUBLE_WITHIN(0.01, 1, percentiles[2]);
+}
+
+/* A cube whose corners have one normal each, as files of eight vertices make it: near them normals lie between the axes, and
+ * the nearest may be that of another side. What is drawn as streaks there is told apart from what is drawn well. */
+static void sides_that_a_mapping_sees_from_the_side_are_told_apart(void)
+{
+    static const uint32_t sides[6][4] = {{0, 2, 3, 1}, {4, 5, 7, 6}, {0, 1, 5, 4},
+                                         {2, 6, 7, 3}, {0, 4, 6, 2}, {1, 3, 7, 5}};
+    const struct scene_material how = {.mapping = MAPPING_BOX, .point_mm = 1};
+    struct motion still = motion_make((const double[3]){0, 0, 0}, (struct vec3){0, 0, 0});
+    double percentiles[3], edge_on, edge_mm = 1;
+    bool limited;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, mesh_allocate(&mesh, 8, 12, false, &error));
+    for (int i = 0; i < 8; i++) {
+        struct vec3 p = {i & 1 ? 10 : -10, i & 2 ? 10 : -10, i & 4 ? 10 : -10};
+        vec3_store(p, mesh.positions[i]);
+        vec3_store((struct vec3){0, 0, 0}, mesh.normals[i]);
+    }
+    for (int i = 0; i < 12; i++) {
+        const uint32_t *s = sides[i / 2];
+        const uint32_t t[3] = {s[0], s[i % 2 + 1], s[i % 2 + 2]};
+        memcpy(mesh.triangles[i], t, sizeof t);
+        for (int k = 0; k < 3;
+             k++) { /* sums by area, so a corner leans to the side of which it has two triangles */
+            float *n = mesh.normals[t[k]];
+            vec3_store(vec3_add(vec3_from(n), mesh_triangle_cross(&mesh, (size_t)i)), n);
+        }
+    }
+    for (int i = 0; i < 8; i++) {
+        vec3_store(vec3_unit(vec3_from(mesh.normals[i])), mesh.normals[i]);
+    }
+    TEST_ASSERT_EQUAL_INT(
+        NACRE_OK, mesh_subdivide(&mesh, mesh_edge_even, &edge_mm, 100000, &limited, &error));
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, mapping_make(&mapping, &how, 20, 20, 1, &mesh, &still, &error));
+    TEST_ASSERT_EQUAL_INT(NACRE_OK,
+                          mapping_stretch(&mapping, &mesh, percentiles, &edge_on, &error));
+    /* Flat sides seen straight on are true to scale, and the rest is counted. */
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1, percentiles[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, 1, percentiles[2]);
+    TEST_ASSERT_TRUE(edge_on > 0 && edge_on < 0.5);
 }
 
 static void texture_coordinates_that_are_missing_are_refused(void)
@@ -356,6 +398,7 @@ int main(void)
     RUN_TEST(planar_mapping_is_true_to_scale_and_not_mirrored);
     RUN_TEST(box_mapping_blends_between_faces);
     RUN_TEST(stretch_is_told);
+    RUN_TEST(sides_that_a_mapping_sees_from_the_side_are_told_apart);
     RUN_TEST(texture_coordinates_that_are_missing_are_refused);
     return UNITY_END();
 }

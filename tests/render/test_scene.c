@@ -125,8 +125,8 @@ static void scenes_that_make_no_sense_are_refused_with_their_place(void)
 {
     refuses("image: {background: 0.1}\n" CAMERA LIGHT OBJECT "environment: {color: 1}\n",
             "scene.yaml:5:14: ", "background");
-    refuses(CAMERA LIGHT OBJECT "without: [moonshine]\n", "scene.yaml:4:1: ", "moonshine");
-    refuses(CAMERA LIGHT OBJECT "without: [colour]\n", "scene.yaml:4:1: ", "colour");
+    refuses(CAMERA LIGHT OBJECT "without: [moonshine]\n", "scene.yaml:4:11: ", "moonshine");
+    refuses(CAMERA LIGHT OBJECT "without: [colour]\n", "scene.yaml:4:11: ", "colour");
     refuses(CAMERA LIGHT "objects: [{shape: quad, index: 0.5}]\n", "scene.yaml:3:32: ", "0.5");
     refuses(CAMERA LIGHT OBJECT "bounces: 17\n", "scene.yaml:4:10: ", "17");
     refuses("camera: {position_mm: [1, 2, 3], at_mm: [1, 2, 3]}\n" LIGHT OBJECT,
