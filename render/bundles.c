@@ -96,6 +96,27 @@ static uint64_t spread(uint64_t v)
     return (v | v << 2) & UINT64_C(0x249249249249);
 }
 
+/* Hilbert's curve by Skilling's method (AIP Conference Proceedings 707, 381, 2004): unlike Morton's, it never jumps, so
+ * that runs stay compact wherever they begin. */
+static uint64_t hilbert(const uint32_t place[3])
+{
+    uint32_t x[3] = {place[0], place[1], place[2]}, turned = 0;
+    for (uint32_t bit = DIGIT / 2; bit > 1; bit /= 2) {
+        for (int k = 0; k < 3; k++) {
+            uint32_t set = 0 - (uint32_t)((x[k] & bit) != 0), below = bit - 1;
+            uint32_t swapped = (x[0] ^ x[k]) & below & ~set;
+            x[0] ^= swapped | (below & set);
+            x[k] ^= swapped;
+        }
+    }
+    x[1] ^= x[0];
+    x[2] ^= x[1];
+    for (uint32_t bit = DIGIT / 2; bit > 1; bit /= 2) {
+        turned ^= (bit - 1) & (0 - (uint32_t)((x[2] & bit) != 0));
+    }
+    return spread(x[0] ^ turned) << 2 | spread(x[1] ^ turned) << 1 | spread(x[2] ^ turned);
+}
+
 static void place_on_curve(const float *positions, size_t stride, const uint32_t *order,
                            size_t count, struct on_curve *out)
 {
@@ -107,10 +128,11 @@ static void place_on_curve(const float *positions, size_t stride, const uint32_t
     float scale = extent > 0 ? (float)(DIGIT - 1) / extent : 0;
     for (size_t i = 0; i < count; i++) {
         const float *p = positions + (size_t)order[i] * stride;
-        out[i].key = 0;
+        uint32_t place[3];
         for (int k = 0; k < 3; k++) {
-            out[i].key |= spread((uint64_t)((p[k] - box.low[k]) * scale)) << k;
+            place[k] = (uint32_t)((p[k] - box.low[k]) * scale);
         }
+        out[i].key = hilbert(place);
         out[i].index = order[i];
     }
 }

@@ -42,6 +42,7 @@
 #define HALF_WINDOW (WINDOW / 2 + 1)
 #define LANES 16
 #define LINKS 9 /* posts of a receiver */
+#define FARTHEST 1e15f /* surface points or mm: in place of infinity, which fast mathematics does not know */
 #define MOMENT ((PER_TERM ? 1 : PARTS) * TERMS4) /* float16s */
 #define INLINE __attribute__((always_inline))
 #define LANE(vector, type, j) (((const type *)&(vector))[j])
@@ -129,7 +130,11 @@ INLINE float16 window(const struct bundle *to, __global const struct source *fro
 {
     float16 x = to->px - from->middle[0], y = to->py - from->middle[1], z = to->pz - from->middle[2];
     float16 r = sqrt(fma(x, x, fma(y, y, z * z))) * (1 / POINT_MM);
-    return rise(r, ring->rise_from, ring->rise_steepness) - rise(r, ring->fall_from, ring->fall_steepness);
+    float16 share = (float16)1 - rise(r, ring->fall_from, ring->fall_steepness);
+    if (any((r - ring->rise_from) * ring->rise_steepness < 1)) { /* few sources are as near */
+        share -= (float16)1 - rise(r, ring->rise_from, ring->rise_steepness);
+    }
+    return share;
 }
 
 /* Whether a source is too far from all of the receivers. */
@@ -257,7 +262,7 @@ INLINE void add_near(const struct bundle *to, size_t index, const struct runs *r
             if (!any(o.inside)) {
                 continue;
             }
-            bool windowed = ring->rise_from > 0 || ring->fall_from < INFINITY;
+            bool windowed = ring->rise_from > 0 || ring->fall_from < FARTHEST;
             float16 share = windowed ? window(to, from, ring) : (float16)1;
 #if !PER_TERM && MIXED == 1
             if (!any(o.inside & o.foreign)) {

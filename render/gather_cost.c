@@ -15,7 +15,7 @@ static const double pair_ns = 7, product_ns = 0.6, square_ns = 0.65, sample_ns =
 /* Summing up must promise to take this share less: its pairs are estimated, and it may have to be done again. */
 static const double margin = 0.8;
 
-enum { PLACES = 32, SAMPLES = 50000, STEPS = 4096 /* of the histogram */ };
+enum { PLACES = 32, SAMPLES = 16000, STEPS = 4096 /* of the histogram */ };
 
 struct profile {
     double step,

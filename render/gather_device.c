@@ -16,15 +16,16 @@ int gather_device_make(struct gather_device *device, const struct opencl *opencl
     char options[512];
     cl_int status;
     *device = (struct gather_device){.opencl = opencl};
-    (void)snprintf(
-        options, sizeof options,
-        "-w -DTERMS4=%d -DWINDOW=%d -DMIXED=%d -DONE_KERNEL=%d -DCLUSTERS=%d -DPER_TERM=%d "
-        "-DPARTS=%d -DWIDTH=%d -DHEIGHT=%d -DMIRROR=%d -DSAME_SIDE=%d -DPOINT_MM=%.9ef",
-        appearance->terms / 4, appearance->window, appearance->mixed,
-        appearance->kernel_count == 1 && appearance->mixed == 1,
-        appearance->layout == NACRE_KERNEL_PAIR ? appearance->clusters : 0,
-        appearance->layout == NACRE_KERNEL_PER_TERM, appearance->basis.parts, appearance->width,
-        appearance->height, mapping->mirror, gather->same_side, mapping->point_mm);
+    (void)snprintf(options, sizeof options,
+                   "-w -cl-fast-relaxed-math -DTERMS4=%d -DWINDOW=%d -DMIXED=%d -DONE_KERNEL=%d "
+                   "-DCLUSTERS=%d -DPER_TERM=%d "
+                   "-DPARTS=%d -DWIDTH=%d -DHEIGHT=%d -DMIRROR=%d -DSAME_SIDE=%d -DPOINT_MM=%.9ef",
+                   appearance->terms / 4, appearance->window, appearance->mixed,
+                   appearance->kernel_count == 1 && appearance->mixed == 1,
+                   appearance->layout == NACRE_KERNEL_PAIR ? appearance->clusters : 0,
+                   appearance->layout == NACRE_KERNEL_PER_TERM, appearance->basis.parts,
+                   appearance->width, appearance->height, mapping->mirror, gather->same_side,
+                   mapping->point_mm);
     if (opencl_build(opencl, &gather_cl, options, &device->program, error) != NACRE_OK) {
         return NACRE_FAILED;
     }

@@ -9,6 +9,9 @@ enum { LANES = REACH_LANES, FIELDS = 16 };
 
 static const double away = SOURCES_WIDEST;
 
+/* In place of infinity, as gather.cl has it: surface points or mm. */
+static const double farthest = 1e15;
+
 /* As gather.cl reads them. */
 struct device_bundle {
     float fields[FIELDS][LANES];
@@ -141,13 +144,15 @@ static void set_near(const struct run *run, struct device_arguments *arguments,
                      struct reach *reach)
 {
     double point = run->stock->gather->mapping->point_mm, inner = LEVELS_RISE * ring.begin;
-    double outer = ring.end + away; /* a sample is that far from the middle by which it is told */
+    double outer =
+        fmin(ring.end + away,
+             farthest / point); /* a sample is that far from the middle by which it is told */
     struct device_ring out = {.inner_square = (float)(inner * inner * point * point),
                               .outer_square = (float)(outer * outer * point * point),
                               .side = run->levels->near_side,
                               .rise_from = -1, /* has risen */
                               .rise_steepness = 1,
-                              .fall_from = HUGE_VALF,
+                              .fall_from = (float)farthest,
                               .fall_steepness = 1};
     if (ring.begin > 0) {
         out.rise_from = (float)inner;
@@ -165,7 +170,7 @@ static void set_far(const struct run *run, struct device_arguments *arguments,
                     const struct level *level, int number)
 {
     double point = run->stock->gather->mapping->point_mm;
-    double inner = level->inner * point, outer = level->outer * point;
+    double inner = level->inner * point, outer = fmin(level->outer * point, farthest);
     struct device_ring ring = {.inner_square = (float)(inner * inner),
                                .outer_square = (float)(outer * outer),
                                .side = run->stock->gather->appearance->window + 2,

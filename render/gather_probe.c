@@ -5,7 +5,7 @@
 #include <stdbool.h>
 #include <stdlib.h>
 
-enum { LANES = REACH_LANES, CANDIDATES = 512, SAMPLES = 4096 };
+enum { LANES = REACH_LANES, CANDIDATES = 512, SAMPLES = 2048 };
 
 /* The ratio may be above that of what was drawn by this many of its standard errors. */
 static const double standard_errors = 3;

@@ -175,7 +175,7 @@ static double choose_squares(const struct levels *levels, const struct basis *ba
 {
     double first = 4.5, allowed = tolerance - levels->estimate;
     while (first < half && !(estimate_squares(basis, first) <= allowed)) {
-        first *= 1.1;
+        first *= 1.05;
     }
     return first < half ? first : HUGE_VAL;
 }

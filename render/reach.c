@@ -3,6 +3,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 enum { LANES = REACH_LANES, WIDE = 8, DEPTH = 12 };
 
@@ -143,14 +144,31 @@ static void boxes_finish(struct boxes *boxes)
     }
 }
 
-/* One bundle's search; runs is NULL where they are only counted. */
+/* Runs found for bundles that follow each other. */
+struct found {
+    uint32_t *runs;
+    size_t count, capacity; /* 0: memory ran out */
+};
+
 struct search {
     const struct boxes *boxes;
     const struct bundle_box *bundle;
     float inner_square, outer_square;
-    uint32_t *runs;
-    size_t count;
+    struct found *found;
 };
+
+static void add_run(struct found *found, uint32_t run)
+{
+    if (found->count == found->capacity) {
+        uint32_t *larger = realloc(found->runs, 2 * found->capacity * sizeof *larger);
+        found->capacity *= larger ? 2 : 0;
+        found->count = larger ? found->count : 0;
+        found->runs = larger ? larger : found->runs;
+    }
+    if (found->capacity > 0) {
+        found->runs[found->count++] = run;
+    }
+}
 
 static void look(struct search *search, int depth, size_t begin, size_t end)
 {
@@ -171,23 +189,53 @@ static void look(struct search *search, int depth, size_t begin, size_t end)
                  smaller((i + 1) * WIDE, search->boxes->counts[depth - 1]));
             continue;
         }
-        if (search->runs) {
-            search->runs[search->count] = (uint32_t)i;
-        }
-        search->count++;
+        add_run(search->found, (uint32_t)i);
     }
 }
 
-static size_t find(const struct boxes *boxes, const struct bundle_box *bundle, double inner,
-                   double outer, uint32_t *runs) /* NOLINT: written through the search */
+enum { CHUNK = 64 /* bundles */ };
+
+/* Find the runs of a chunk's bundles; their numbers go to reach->starts. */
+static void find(const struct boxes *boxes, const struct reach_bundles *bundles, size_t chunk,
+                 double inner, double outer, struct found *found, struct reach *reach)
 {
+    size_t begin = chunk * CHUNK, end = smaller(begin + CHUNK, bundles->count);
     struct search search = {.boxes = boxes,
-                            .bundle = bundle,
                             .inner_square = (float)(inner * inner),
                             .outer_square = (float)(outer * outer),
-                            .runs = runs};
-    look(&search, boxes->depth - 1, 0, boxes->counts[boxes->depth - 1]);
-    return search.count;
+                            .found = found};
+    *found = (struct found){.capacity = 4096, .runs = malloc(4096 * sizeof *found->runs)};
+    found->capacity *= found->runs != NULL;
+    for (size_t i = begin; i < end && found->capacity > 0; i++) {
+        size_t before = found->count;
+        search.bundle = &bundles->boxes[i];
+        look(&search, boxes->depth - 1, 0, boxes->counts[boxes->depth - 1]);
+        reach->starts[i + 1] = (uint32_t)(found->count - before);
+    }
+}
+
+/* The chunks' runs behind each other. */
+static int join_runs(const struct found *chunks, size_t count, size_t bundles, struct reach *reach)
+{
+    size_t total = 0, at = 0;
+    for (size_t i = 0; i < count; i++) {
+        total += chunks[i].count;
+        if (chunks[i].capacity == 0) {
+            return -1;
+        }
+    }
+    reach->runs = total < UINT32_MAX ? malloc((total + 1) * sizeof *reach->runs) : NULL;
+    if (!reach->runs) {
+        return -1;
+    }
+    for (size_t i = 0; i < count; i++) {
+        memcpy(reach->runs + at, chunks[i].runs, chunks[i].count * sizeof *reach->runs);
+        at += chunks[i].count;
+    }
+    for (size_t i = 0; i < bundles; i++) {
+        reach->starts[i + 1] += reach->starts[i];
+    }
+    return 0;
 }
 
 int reach_make(struct reach *reach, const struct reach_bundles *bundles,
@@ -195,30 +243,25 @@ int reach_make(struct reach *reach, const struct reach_bundles *bundles,
                struct nacre_error *error)
 {
     struct boxes boxes = {0};
-    size_t count = bundles->count, total = 0;
-    *reach = (struct reach){.starts = calloc(count + 1, sizeof *reach->starts)};
-    if (!reach->starts || boxes_make(&boxes, sources) != 0) {
+    size_t count = (bundles->count + CHUNK - 1) / CHUNK;
+    struct found *chunks = calloc(count + 1, sizeof *chunks);
+    int status = -1;
+    *reach = (struct reach){.starts = calloc(bundles->count + 1, sizeof *reach->starts)};
+    if (!chunks || !reach->starts || boxes_make(&boxes, sources) != 0) {
         goto out;
     }
-#pragma omp parallel for schedule(static, 64)
+#pragma omp parallel for schedule(dynamic, 1)
     for (size_t i = 0; i < count; i++) {
-        reach->starts[i + 1] = (uint32_t)find(&boxes, &bundles->boxes[i], inner, outer, NULL);
+        find(&boxes, bundles, i, inner, outer, &chunks[i], reach);
     }
-    for (size_t i = 0; i < count; i++) {
-        total += reach->starts[i + 1];
-        reach->starts[i + 1] = (uint32_t)total;
-    }
-    reach->runs = total < UINT32_MAX ? calloc(total + 1, sizeof *reach->runs) : NULL;
-    if (!reach->runs) {
-        goto out;
-    }
-#pragma omp parallel for schedule(static, 64)
-    for (size_t i = 0; i < count; i++) {
-        (void)find(&boxes, &bundles->boxes[i], inner, outer, reach->runs + reach->starts[i]);
-    }
+    status = join_runs(chunks, count, bundles->count, reach);
 out:
+    for (size_t i = 0; chunks && i < count; i++) {
+        free(chunks[i].runs);
+    }
+    free(chunks);
     boxes_finish(&boxes);
-    if (!reach->runs) {
+    if (status != 0) {
         reach_finish(reach);
         return nacre_fail_memory(error, "finding the light near the mesh");
     }

@@ -281,14 +281,17 @@ static float *new_moments(size_t count, size_t size)
     return moments;
 }
 
-static void add_moment(const float *from, size_t size, float scale, float *to)
+enum { CORNERS = 4, BLOCK = 16 };
+
+/* A moment is a whole number of blocks, by which compilers make vectors of it. */
+static void add_moment(const float *restrict from, size_t size, float scale, float *restrict to)
 {
-    for (size_t k = 0; k < size; k++) {
-        to[k] += scale * from[k];
+    for (size_t k = 0; k < size; k += BLOCK) {
+        for (size_t j = 0; j < BLOCK; j++) {
+            to[k + j] += scale * from[k + j];
+        }
     }
 }
-
-enum { CORNERS = 4 };
 
 /* What is known of a node's surroundings: sums over its sources, places counted from the node's own in the texture. */
 struct node {
