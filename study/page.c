@@ -1,6 +1,7 @@
 /* The frame of an HTML page: its styles, escaped text, embedded pictures. */
 #include "study/page.h"
 
+#include <stdbool.h>
 #include <stdlib.h>
 
 static const char style[] =
@@ -40,6 +41,11 @@ static const char style[] =
     ".point h3 span{font-weight:400;color:#5b6470}"
     ".point p{margin:.25rem 0 0;text-align:center}"
     ".scroll{overflow-x:auto}"
+    ".numbers td{white-space:nowrap}"
+    /* A command stays in sight where its table is wider than the screen, and is not broken within an option. */
+    ".command code{display:block;white-space:normal;position:sticky;left:.6rem;"
+    "max-width:min(58rem,100vw - 6.4rem)}"
+    ".command i{font-style:normal;white-space:nowrap}"
     "table{border-collapse:collapse;width:100%;background:#fff;font-size:.9rem;"
     "font-variant-numeric:tabular-nums}"
     "th,td{border:1px solid #e3e0da;padding:.45rem .6rem;text-align:left;vertical-align:top}"
@@ -53,8 +59,9 @@ static const char style[] =
     ".warn p{margin:.2rem 0}"
     "@media(max-width:40rem){h1{font-size:1.5rem}.point{grid-template-columns:1fr 1fr}"
     ".point>div:last-child{grid-column:1/-1}}"
-    "@media print{@page{margin:14mm}body{background:#fff;font-size:10.5pt}main{padding:0;"
-    "max-width:none}figure,.key div,.point,tr{break-inside:avoid}h2,h2+p,h3{break-after:avoid}"
+    "@media print{@page{margin:14mm}body{background:#fff;font-size:10.5pt}main{padding:0 1px;"
+    "max-width:none}figure,.key div,.point,tr,.short{break-inside:avoid}.command "
+    "code{position:static;max-width:none}h2,h2+p,h3{break-after:avoid}"
     ".two{grid-template-columns:1fr 1fr;gap:4mm}.three{grid-template-columns:1fr 1fr 1fr;gap:4mm}"
     ".key{grid-template-columns:repeat(5,1fr);gap:3mm}.key b{font-size:14pt}h2{margin-top:7mm}"
     ".point{grid-template-columns:1fr 1fr 1.45fr}.point>div:last-child{grid-column:auto}"
@@ -62,29 +69,52 @@ static const char style[] =
     ".scroll{overflow:visible}table{font-size:8pt}th,td{padding:.25rem .35rem}"
     "*{-webkit-print-color-adjust:exact;print-color-adjust:exact}}";
 
+static void write_character(FILE *page, char character)
+{
+    switch (character) {
+    case '&':
+        (void)fputs("&amp;", page);
+        break;
+    case '<':
+        (void)fputs("&lt;", page);
+        break;
+    case '>':
+        (void)fputs("&gt;", page);
+        break;
+    case '"':
+        (void)fputs("&quot;", page);
+        break;
+    case '\'':
+        (void)fputs("&#39;", page);
+        break;
+    default:
+        (void)putc(character, page);
+    }
+}
+
 void page_text(FILE *page, const char *text)
 {
     for (; *text; text++) {
-        switch (*text) {
-        case '&':
-            (void)fputs("&amp;", page);
-            break;
-        case '<':
-            (void)fputs("&lt;", page);
-            break;
-        case '>':
-            (void)fputs("&gt;", page);
-            break;
-        case '"':
-            (void)fputs("&quot;", page);
-            break;
-        case '\'':
-            (void)fputs("&#39;", page);
-            break;
-        default:
-            (void)putc(*text, page);
-        }
+        write_character(page, *text);
     }
+}
+
+void page_command(FILE *page, const char *command)
+{
+    bool option = false;
+    bool begins = true; /* a word */
+    for (; *command; command++) {
+        if (*command == ' ' && option) {
+            (void)fputs("</i>", page);
+            option = false;
+        } else if (*command == '-' && begins) {
+            (void)fputs("<i>", page);
+            option = true;
+        }
+        begins = *command == ' ';
+        write_character(page, *command);
+    }
+    (void)fputs(option ? "</i>" : "", page);
 }
 
 void page_begin(FILE *page, const char *title)

@@ -10,6 +10,9 @@
 /* Write text with the characters that mean something in HTML escaped. */
 void page_text(FILE *page, const char *text);
 
+/* A command, in which lines are not broken within the names of options. */
+void page_command(FILE *page, const char *command);
+
 /* Begin and end the page. Styles are those of study/page.c; `title` is plain text. */
 void page_begin(FILE *page, const char *title);
 void page_end(FILE *page);

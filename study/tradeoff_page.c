@@ -198,7 +198,8 @@ static void write_goals(FILE *page, const struct tradeoff *t, const struct rows 
     static const double goals[] = {0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0005, 0.0002};
     (void)fputs("<h2>What to choose</h2>\n<p>For an error of at most so much: the quickest command "
                 "and the smallest material, by their numbers in the next table.</p>\n"
-                "<div class=\"scroll\"><table>\n<tr><th>Mean error at most</th><th>Seconds</th>"
+                "<div class=\"scroll short\"><table class=\"numbers\">\n<tr><th>Mean error at "
+                "most</th><th>Seconds</th>"
                 "<th>No.</th><th>Size</th><th>No.</th></tr>\n",
                 page);
     for (size_t i = 0; i < sizeof goals / sizeof *goals; i++) {
@@ -250,8 +251,9 @@ static int write_row(FILE *page, const struct tradeoff *t, const struct tradeoff
                                              : "bytes",
                   s->terms);
     (void)(s->clusters ? fprintf(page, "%d", s->clusters) : fputs("none", page));
-    (void)fprintf(page, "</td><td>%d</td></tr>\n<tr><td colspan=\"9\"><code>", s->window);
-    page_text(page, command);
+    (void)fprintf(page, "</td><td>%d</td></tr>\n<tr><td class=\"command\" colspan=\"9\"><code>",
+                  s->window);
+    page_command(page, command);
     (void)fputs("</code></td></tr>\n", page);
     free(command);
     return NACRE_OK;
@@ -263,7 +265,8 @@ static int write_table(FILE *page, const struct tradeoff *t, const struct tradeo
     int status = NACRE_OK;
     (void)fputs("<h2>What nothing beats</h2>\n<p>The points of both fronts, the most exact first. "
                 "Each command repeats its point: the same scan, device and version give the same "
-                "material, bit for bit.</p>\n<div class=\"scroll\"><table>\n<tr><th>No.</th>"
+                "material, bit for bit.</p>\n<div class=\"scroll\"><table "
+                "class=\"numbers\">\n<tr><th>No.</th>"
                 "<th>Mean error</th><th>Without the centre</th><th>Seconds</th><th>Size</th>"
                 "<th>Ratio</th><th>Front</th><th>Terms</th><th>Clusters</th><th>Window</th></tr>\n",
                 page);
@@ -278,20 +281,22 @@ static int write_table(FILE *page, const struct tradeoff *t, const struct tradeo
 static int write_all(FILE *page, const struct tradeoff *t, const struct tradeoff_request *request,
                      struct nacre_error *error)
 {
-    (void)fprintf(page,
-                  "<details><summary>All %d points, in the order they were found</summary>\n"
-                  "<div class=\"scroll\"><table>\n<tr><th>Mean error</th><th>Seconds</th>"
-                  "<th>KiB</th><th>Command</th></tr>\n",
-                  t->point_count);
+    (void)fprintf(
+        page,
+        "<details><summary>All %d points, in the order they were found</summary>\n"
+        "<div class=\"scroll\"><table class=\"numbers\">\n<tr><th>Mean error</th><th>Seconds</th>"
+        "<th>KiB</th><th>Command</th></tr>\n",
+        t->point_count);
     for (int i = 0; i < t->point_count; i++) {
         const struct tradeoff_point *p = &t->points[i];
         char *command = tradeoff_command(t, request, p);
         if (!command) {
             return nacre_fail_memory(error, "the table");
         }
-        (void)fprintf(page, "<tr><td>%.3f %%</td><td>%.3g</td><td>%.4g</td><td><code>",
+        (void)fprintf(page,
+                      "<tr><td>%.3f %%</td><td>%.3g</td><td>%.4g</td><td class=\"command\"><code>",
                       100 * p->error, p->seconds, p->bytes / 1024);
-        page_text(page, command);
+        page_command(page, command);
         (void)fputs("</code></td></tr>\n", page);
         free(command);
     }
@@ -360,8 +365,10 @@ static void write_head(FILE *page, const struct tradeoff *t, const struct tradeo
     write_key(page, value, "of responses");
     (void)snprintf(value, sizeof value, "%d, %d", t->run_count, t->point_count);
     write_key(page, value, "runs, points");
-    (void)snprintf(value, sizeof value, "%.3g s of %.3g s", spent, request->budget);
-    write_key(page, value, "spent of the budget");
+    (void)snprintf(value, sizeof value, "%.3g s", spent);
+    char budget[64];
+    (void)snprintf(budget, sizeof budget, "spent of a budget of %.3g s", request->budget);
+    write_key(page, value, budget);
     (void)fputs("</div>\n</header>\n", page);
 }
 
