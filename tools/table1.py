@@ -164,11 +164,11 @@ def measure_scanned(name, exact):
     if made['paper']:
         made['paper error'] = compare(folder, f'{key} {options.iterations}', name, 'paper')
     # More parameters come nearer to the scan's noise, too; who is better is told by the exact responses.
-    for count in LADDER if made['paper'] else []:
+    for count in LADDER:
         made['ours'] = factor_by_terms(folder, key, count)
         if made['ours']:
             made['ours error'] = compare(folder, key, name, f'terms-{count}')
-        if not made['ours'] or is_better(made):
+        if not made['ours'] or not made['paper'] or is_better(made):
             break
     return made
 
