@@ -119,8 +119,9 @@ static const struct option_spec factor_options[] = {
      .minimum = 1,
      .maximum = 10000000,
      .offset = offsetof(struct factor_settings, iterations),
-     .sentence = "updates of F and H at most, with each choice of terms and clusters; default 200, "
-                 "or as --error and --within need"},
+     .sentence =
+         "updates of F and H at most, with each choice of terms and clusters; default 1000, "
+         "200 with --model clusters, or as --error and --within need"},
     {.name = "error",
      .kind = OPTION_REAL,
      .argument = "E",

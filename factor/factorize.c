@@ -17,7 +17,12 @@ enum { PROBE_POINTS = 256, STREAM_PROBE = 4 };
 
 enum { SHAPED_TERMS = 8, SHAPED_MOST = 32 };
 
-enum { DEFAULT_TERMS = 12, DEFAULT_CLUSTERS = 5, DEFAULT_ITERATIONS = 200 };
+enum {
+    DEFAULT_TERMS = 12,
+    DEFAULT_CLUSTERS = 5,
+    DEFAULT_ITERATIONS = 200,
+    SHAPED_ITERATIONS = 1000
+};
 
 /* What a search may try: no more terms and clusters than these, and no material above this share of its responses. */
 enum { MOST_TERMS = 64, MOST_CLUSTERS = 100 };
@@ -183,7 +188,8 @@ static void explain_stops(const struct conductor *c)
     if (o->iterations > 0) {
         tell(to, "stops", "after %d iterations", o->iterations);
     } else if (!conductor_wants_error(c) && !conductor_has_deadline(c)) {
-        tell(to, "stops", "after %d iterations (default)", DEFAULT_ITERATIONS);
+        tell(to, "stops", "after %d iterations (default)",
+             o->model == FACTOR_MODEL_TERMS ? SHAPED_ITERATIONS : DEFAULT_ITERATIONS);
     }
 }
 

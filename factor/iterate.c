@@ -10,9 +10,10 @@ enum {
     PATIENCE = 5, /* iterations that are looked at together */
     PROSPECT =
         10, /* times as many: how far the error's fall is carried on, to see what is hopeless */
-    SETTLING = 6,       /* iterations before larger settings are thought of */
-    CHOSEN_LIMIT = 200, /* iterations where nothing else was said */
-    ERROR_LIMIT = 1000, /* iterations where an error is to be held */
+    SETTLING = 6,        /* iterations before larger settings are thought of */
+    CHOSEN_LIMIT = 200,  /* iterations where nothing else was said */
+    SHAPED_LIMIT = 1000, /* with a kernel per term: progress ends it long before */
+    ERROR_LIMIT = 1000,  /* iterations where an error is to be held */
     VERIFICATIONS = 5,
 };
 
@@ -40,11 +41,12 @@ static bool fills_time(const struct conductor *c)
 
 static int iteration_limit(const struct conductor *c)
 {
-    return c->stage                    ? c->stage->iterations
-           : c->options->iterations    ? c->options->iterations
-           : conductor_has_deadline(c) ? INT_MAX
-           : conductor_wants_error(c)  ? ERROR_LIMIT
-                                       : CHOSEN_LIMIT;
+    return c->stage                                  ? c->stage->iterations
+           : c->options->iterations                  ? c->options->iterations
+           : conductor_has_deadline(c)               ? INT_MAX
+           : conductor_wants_error(c)                ? ERROR_LIMIT
+           : c->options->model == FACTOR_MODEL_TERMS ? SHAPED_LIMIT
+                                                     : CHOSEN_LIMIT;
 }
 
 /* Whether the last PATIENCE iterations, on average, lowered the objective by no more than `share` each. */

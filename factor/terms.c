@@ -117,15 +117,6 @@ static int read_kernels(struct method *method, int channel, float *numbers,
     return status;
 }
 
-static int copy_plane(struct terms *m, cl_mem from, cl_mem to, struct nacre_error *error)
-{
-    const struct layout *l = &m->layouts[0];
-    return opencl_check(l->opencl,
-                        clEnqueueCopyBuffer(l->opencl->queue, from, to, 0, 0,
-                                            l->factor_floats * sizeof(float), 0, NULL, NULL),
-                        "cannot copy planes", error);
-}
-
 /* Start from the planes in `next`, without kernels. */
 static int begin_set(struct terms *m, struct terms_set *set, struct nacre_error *error)
 {
@@ -134,13 +125,13 @@ static int begin_set(struct terms *m, struct terms_set *set, struct nacre_error 
     set->share_limit = 1;
     set->damping = m->sides == 1 ? 2 : 1;
     set->objective = INFINITY;
-    set->accepted = set->refused = set->settled = set->viewed = set->placed = 0;
+    set->accepted = set->refused = set->settled = set->viewed = set->placed = set->burst = 0;
     for (int c = set->first; c < set->first + set->count; c++) {
         memset(m->channels[c].next, 0, number_count(m) * sizeof *m->channels[c].next);
         memset(m->channels[c].good, 0, number_count(m) * sizeof *m->channels[c].good);
     }
     for (int side = 0; side < m->sides && status == NACRE_OK; side++) {
-        status = copy_plane(m, set->tracks[side].next, set->tracks[side].last, error);
+        status = terms_copy_planes(m, set->tracks[side].next, set->tracks[side].last, error);
     }
     return status;
 }
@@ -182,7 +173,7 @@ static int write_factors(struct method *method, int channel, const float *f, con
 struct saved {
     double objective;
     float share, share_limit, damping;
-    int32_t accepted, refused, settled, placed;
+    int32_t accepted, refused, settled, placed, burst;
 };
 
 enum { SAVED_PLANES = 3 };
@@ -210,7 +201,8 @@ static int save_state(struct method *method, int channel, void *state, struct na
                                     .accepted = set->accepted,
                                     .refused = set->refused,
                                     .settled = set->settled,
-                                    .placed = set->placed};
+                                    .placed = set->placed,
+                                    .burst = set->burst};
         memcpy(state, &saved, sizeof saved);
     }
     for (int i = 0; i < m->sides * SAVED_PLANES; i++, to += plane_floats(m)) {
@@ -242,7 +234,7 @@ static int load_state(struct method *method, int channel, const void *state,
     struct saved saved;
     int status = NACRE_OK;
     memcpy(&saved, state, sizeof saved);
-    if (saved.accepted < 0 || saved.refused < 0 || !isfinite(saved.share) ||
+    if (saved.accepted < 0 || saved.refused < 0 || saved.burst < 0 || !isfinite(saved.share) ||
         !isfinite(saved.share_limit) || !isfinite(saved.damping) || isnan(saved.objective) ||
         (set && saved.damping < 1)) {
         return nacre_fail(error, "the saved state of channel %d is none of terms", channel);
@@ -273,6 +265,7 @@ static int load_state(struct method *method, int channel, const void *state,
         set->refused = saved.refused;
         set->settled = saved.settled;
         set->placed = saved.placed;
+        set->burst = saved.burst;
         set->viewed = 0;
     }
     return status == NACRE_OK ? terms_place_kernels(m, channel, m->channels[channel].next, error)
@@ -298,7 +291,7 @@ static void explain(const struct method *method, const struct listener *to)
          100 * d->asymmetry, 100 * d->asymmetry_left);
     tell(to, "weight", "%s", weights[d->options.weight]);
     tell(to, "device memory", "%.1f MiB of planes and %.1f MiB of responses",
-         4 * (double)m->sides * terms_data_sets(d) *
+         5 * (double)m->sides * terms_data_sets(d) *
              (double)(m->layouts[0].factor_floats * sizeof(float)) * 0x1p-20,
          (double)m->sides * 2 * (double)d->copies[0].size * d->responses->channels * 0x1p-20);
 }
@@ -316,6 +309,7 @@ static void terms_free(struct method *method)
             layout_release(t->next);
             layout_release(t->last);
             layout_release(t->fresh);
+            layout_release(t->kept);
             layout_release(m->channels[c].kernels[side]);
             layout_release(m->channels[c].scales[side]);
         }
@@ -327,6 +321,7 @@ static void terms_free(struct method *method)
     layout_release(m->weights);
     layout_release(m->nothing);
     layout_release(m->gradient);
+    layout_release(m->beyond);
     layout_release(m->equations.weighted);
     layout_release(m->equations.plain);
     layout_release(m->equations.correlations);
@@ -470,10 +465,13 @@ static int prepare(struct terms *m, struct nacre_error *error)
         status = place_weights(m, error);
     }
     if (status == NACRE_OK) {
-        status = layout_make_buffer(l, items * padded * lanes * sizeof(float), NULL, false,
+        status = layout_make_buffer(l, 2 * items * padded * lanes * sizeof(float), NULL, false,
                                     &m->gradient, error);
     }
-    m->curvature_floats = items * 2 * padded * padded * lanes;
+    if (status == NACRE_OK) {
+        status = layout_make_buffer(l, 2 * items * sizeof(float), NULL, false, &m->beyond, error);
+    }
+    m->curvature_floats = items * TERMS_SQUARES * padded * padded * lanes;
     if (status == NACRE_OK) {
         status = prepare_equations(m, error);
     }
@@ -512,8 +510,8 @@ static int start_set(struct terms *m, const struct problem *p, int index, struct
         .first = index, .count = terms_data_sets(m->data) > 1 ? 1 : m->data->responses->channels};
     for (int side = 0; side < m->sides && status == NACRE_OK; side++) {
         struct terms_track *t = &set->tracks[side];
-        cl_mem *planes[] = {&t->good, &t->next, &t->last, &t->fresh};
-        for (int i = 0; i < 4 && status == NACRE_OK; i++) {
+        cl_mem *planes[] = {&t->good, &t->next, &t->last, &t->fresh, &t->kept};
+        for (int i = 0; i < 5 && status == NACRE_OK; i++) {
             status = layout_make_factor(&m->layouts[0], planes[i], error);
         }
     }

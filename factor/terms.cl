@@ -8,7 +8,9 @@
  *     phase 3:  A += V (g other) (g other)^T for all pairs of terms, where that is asked for. Far from the centre it
  *               changes little from step to step, and only shapes them: an earlier one does
  *
- * with V = scale(d) (near(x) + far(x + d)). `descend` finds each point's best step from gradient and A.
+ * with V = scale(d) (near(x) + far(x + d)). `descend` finds each point's best step from gradient and A. Both are kept apart
+ * for entries within `reach` rows and columns of the centre, where nearly all light is, and for those beyond: most steps
+ * visit the first alone, and carry the gradient of the others on by their A.
  *
  * The normal equations of the kernels' values at an entry d of the window are sums over all points of V p_t p_s and
  * V R p_t, p_t(x) = own_t(x) other_t(x + d). The first are correlations of planes, scale(d) (near P * Q + P * far Q) with
@@ -56,10 +58,13 @@ typedef VEC loose __attribute__((aligned(4)));
 #else
 #define LOOSE(from) VLOAD(0, from)
 #endif
-#define PADDED  ((TERMS + 1) / 2 * 2) /* terms are taken in twos */
-#define NEAR    3                     /* entries so near the centre are in A afresh each time */
-#define DISTANT 2                     /* of `step`: and all others too */
-#define PAIRS   (TERMS * (TERMS + 1) / 2)
+#define PADDED ((TERMS + 1) / 2 * 2) /* terms are taken in twos */
+#define NEAR   3                     /* entries so near the centre have a part of A to themselves */
+#define AROUND 2                     /* of `step`: A of these */
+#define MIDDLE 4                     /* of others within reach */
+#define FAR    8                     /* of all others */
+#define PAIRS  (TERMS * (TERMS + 1) / 2)
+#define SQUARE (PADDED * PADDED)
 
 /* Terms whose sums are kept in registers together. */
 #define GROUPS ((PADDED + 9) / 10)
@@ -90,12 +95,12 @@ INLINE void write_sum(global float *sums, VEC total, VEC lost)
     sums[1] = -error;
 }
 
-/* Columns of the window that reach points of the row: [*first, *end). */
-INLINE void reach(int block, int *first, int *end, const struct sizes s)
+/* Columns of the window up to `most` from the centre that reach points of the row: [*first, *end). */
+INLINE void find_columns(int block, int most, int *first, int *end, const struct sizes s)
 {
     const int left = block * LANES + LANES - 1, right = s.width - 1 - block * LANES;
-    *first = max(0, s.window / 2 - left);
-    *end = min(s.window, s.window / 2 + 1 + right);
+    *first = s.window / 2 - min(most, left);
+    *end = s.window / 2 + 1 + min(most, right);
 }
 
 /* The weight of entry e of a block of row y and whether it was measured; 0 at the centre. */
@@ -111,7 +116,8 @@ INLINE VEC weight_of(global const ushort *mask, global const float *scales, VEC 
 
 /* What a block of points holds while its entries pass. */
 struct held {
-    VEC own[TERMS], gradient[PADDED], near;
+    VEC own[TERMS], near;
+    VEC gradient[2 * PADDED];   /* of entries within reach, and beyond */
     VEC shaped[CHUNK * PADDED]; /* g other, [column][term] */
     VEC residual[CHUNK], weight[CHUNK];
 };
@@ -172,14 +178,14 @@ INLINE VEC find_residuals(struct held *h, global const stored *responses, global
 }
 
 /* Phase 2. */
-INLINE void add_gradient(struct held *h, int count)
+INLINE void add_gradient(struct held *h, private VEC *gradient, int count)
 {
     UNROLL for (int first = 0; first < PADDED; first += GROUP)
     {
         VEC sums[GROUP];
         UNROLL for (int i = 0; i < GROUP; i++)
         {
-            sums[i] = first + i < PADDED ? h->gradient[min(first + i, PADDED - 1)] : (VEC)(0);
+            sums[i] = first + i < PADDED ? gradient[min(first + i, PADDED - 1)] : (VEC)(0);
         }
         for (int j = 0; j < count; j++) {
             const VEC residual = h->residual[j];
@@ -193,7 +199,7 @@ INLINE void add_gradient(struct held *h, int count)
         UNROLL for (int i = 0; i < GROUP; i++)
         {
             if (first + i < PADDED) {
-                h->gradient[first + i] = sums[i];
+                gradient[first + i] = sums[i];
             }
         }
     }
@@ -246,95 +252,146 @@ INLINE void add_curvature(global VEC *curvature, const struct held *h, int count
     }
 }
 
-/* One channel's part of gradient [y][block][PADDED] and curvature [y][block][2][PADDED][PADDED], that of entries near the
- * centre and that of all others, of every point, begun anew or (`more`) added to what is there, and twice the sum of V miss^2 as a sum and its rounding error for each item. step: 0,
- * 1, or 1 | DISTANT. Items: (block, y). */
+/* Which part of gradient and curvature an entry belongs to, and the first column to the right that belongs to another; what
+ * is within reach is one where A is not asked for. */
+INLINE int part_of(int v, int e, int reach, int step, int end, int *stop, const struct sizes s)
+{
+    const int half_window = s.window / 2, column = e - half_window;
+    const int row = (int)abs(v - half_window), across = (int)abs(column);
+    const int split = row <= NEAR && (step & (AROUND | MIDDLE));
+    if (split && across <= NEAR) {
+        *stop = min(end, half_window + NEAR + 1);
+        return 0;
+    }
+    if (row <= reach && across <= reach) {
+        *stop = min(end, split && column < 0 ? half_window - NEAR : half_window + reach + 1);
+        return 1;
+    }
+    *stop = min(end, row <= reach && column < 0 ? half_window - reach : end);
+    return 2;
+}
+
+/* One channel's part of gradient [y][block][2][PADDED], that of entries within `reach` and beyond, and curvature
+ * [y][block][3][PADDED][PADDED], that of entries near the centre, of others within reach, and of those beyond, of every
+ * point, begun anew or (`more`) added to what is there, and twice the sum of V miss^2 as a sum and its rounding error for
+ * each item. Entries up to `most` from the centre are visited; where that is no farther than `reach` what is kept of those
+ * beyond stays. step: 0, 1, or with the parts of A. Items: (block, y). */
 kernel void visit(global const stored *responses, global const ushort *mask,
                   global const float *kernels, global const float *scales, global const float *own,
                   global const float *other, global const float *near, global const float *far,
                   global float *gradient, global float *curvature, global float *sums, int more,
-                  int step, const struct sizes s)
+                  int step, int most, int reach, const struct sizes s)
 {
     const int block = get_global_id(0), y = get_global_id(1), half_window = s.window / 2;
     const size_t item = (size_t)y * s.blocks + block;
-    global VEC *to = (global VEC *)gradient + item * PADDED;
-    global VEC *square = (global VEC *)curvature + item * 2 * PADDED * PADDED;
-    global VEC *distant = square + PADDED * PADDED;
-    const int x = s.pad + block * LANES;
+    global VEC *to = (global VEC *)gradient + item * 2 * PADDED;
+    global VEC *squares = (global VEC *)curvature + item * 3 * SQUARE;
+    const int x = s.pad + block * LANES, slopes = (most > reach ? 2 : 1) * PADDED;
+    const int summed[] = {step & AROUND, step & MIDDLE, step & FAR};
     struct held h;
     VEC total = 0, lost = 0;
     int first, end;
-    reach(block, &first, &end, s);
+    find_columns(block, most, &first, &end, s);
     for (int t = 0; t < TERMS; t++) {
         h.own[t] = VLOAD(0, own + ((size_t)y * s.planes + t) * s.stride + x);
     }
-    for (int t = 0; t < PADDED; t++) {
+    for (int t = 0; t < 2 * PADDED; t++) {
         h.gradient[t] = more ? to[t] : (VEC)(0);
     }
     for (int i = 0; i < CHUNK * PADDED; i++) {
         h.shaped[i] = 0;
     }
-    for (int i = 0; step && !more && i < PADDED * PADDED; i++) {
-        square[i] = 0;
-        distant[i] = step & DISTANT ? (VEC)(0) : distant[i];
+    for (int i = 0; step && !more && i < 3 * SQUARE; i++) {
+        squares[i] = summed[i / SQUARE] ? (VEC)(0) : squares[i];
     }
     h.near = VLOAD(0, near + (size_t)y * s.stride + x);
-    for (int v = max(0, half_window - y); v < min(s.window, s.height + half_window - y); v++) {
+    for (int v = half_window - min(most, y); v < half_window + 1 + min(most, s.height - 1 - y);
+         v++) {
         const int there = y + v - half_window;
         const size_t at = s.lead + ((size_t)y * s.window + v) * (size_t)s.row;
         VEC row = 0;
 #if PREFETCH
-        global const stored *next = responses + at + s.row + (size_t)block * s.window * LANES;
-        for (int i = 0; i < s.window * LANES; i += 64 / (int)sizeof(stored)) {
+        global const stored *next =
+            responses + at + s.row + ((size_t)block * s.window + first) * LANES;
+        for (int i = 0; i < (end - first) * LANES; i += 64 / (int)sizeof(stored)) {
             __builtin_prefetch((const void *)(size_t)(next + i));
         }
 #endif
-        const int left = half_window - NEAR, right = half_window + NEAR + 1;
-        const int beside = v >= left && v < right;
         int count;
         for (int e = first; e < end; e += count) {
-            const int close = beside && e >= left && e < right;
-            const int stop = close ? right : beside && e < left ? left : end;
-            count = min(CHUNK, min(stop, end) - e);
+            int stop;
+            const int part = part_of(v, e, reach, step, end, &stop, s);
+            count = min(CHUNK, stop - e);
             row += find_residuals(&h, responses + at, mask + (MASKED ? at / LANES : 0), kernels,
                                   scales, other + (size_t)there * s.planes * s.stride + x,
                                   far + (size_t)there * s.stride + x, v, e, count, block, s);
             if (step) {
-                add_gradient(&h, count);
+                add_gradient(&h, h.gradient + (part == 2 ? PADDED : 0), count);
             }
-            if (step && (close || (step & DISTANT))) {
-                add_curvature(close ? square : distant, &h, count);
+            if (summed[part]) {
+                add_curvature(squares + part * SQUARE, &h, count);
             }
         }
         add_exactly(&total, &lost, row);
     }
-    for (int t = 0; step && t < PADDED; t++) {
+    for (int t = 0; step && t < slopes; t++) {
         to[t] = h.gradient[t];
     }
     write_sum(sums + item * 2, total, lost);
 }
 
+INLINE VEC element(const VEC *square, int t, int u)
+{
+    return u > t ? square[u * PADDED + t] : square[t * PADDED + u];
+}
+
+/* The gradient of entries beyond reach belongs to the planes `anchor`: carried on to `own`, and what these entries then
+ * have of the objective beside what they had, as a sum and its rounding error for each item of `sums`. */
+INLINE void carry_on(VEC *left, const VEC *value, global const float *anchor,
+                     global const VEC *slope, global const VEC *beyond, float damping,
+                     global float *sums, const struct sizes s)
+{
+    VEC moved[TERMS], square[SQUARE], total = 0;
+    for (int i = 0; i < SQUARE; i++) {
+        square[i] = beyond[i];
+    }
+    for (int t = 0; t < TERMS; t++) {
+        moved[t] = value[t] - VLOAD(0, anchor + (size_t)t * s.stride);
+    }
+    for (int t = 0; t < TERMS; t++) {
+        VEC bent = 0;
+        for (int u = 0; u < TERMS; u++) {
+            bent = fma(element(square, t, u), moved[u], bent);
+        }
+        left[t] += slope[t] - damping * bent;
+        total += moved[t] * (0.5f * damping * bent - slope[t]);
+    }
+    write_sum(sums, total, (VEC)(0));
+}
+
 /* The best step that is not negative, from `own` to `next`: coordinate descent on
  * 1/2 damping z^T A z - gradient^T z, z the change of a point's values. Items: (block, y). */
-kernel void descend(global const float *own, global const float *gradient,
-                    global const float *curvature, global float *next, float damping, int sweeps,
-                    const struct sizes s)
+kernel void descend(global const float *own, global const float *anchor,
+                    global const float *gradient, global const float *curvature, global float *next,
+                    global float *sums, float damping, int sweeps, const struct sizes s)
 {
     const int block = get_global_id(0), y = get_global_id(1);
     const size_t item = (size_t)y * s.blocks + block;
-    global const VEC *from = (global const VEC *)gradient + item * PADDED;
-    global const VEC *square = (global const VEC *)curvature + item * 2 * PADDED * PADDED;
-    VEC whole[PADDED * PADDED];
+    global const VEC *from = (global const VEC *)gradient + item * 2 * PADDED;
+    global const VEC *square = (global const VEC *)curvature + item * 3 * SQUARE;
+    VEC whole[SQUARE];
     const size_t at = (size_t)y * s.planes * s.stride + s.pad + block * LANES;
     VEC left[TERMS], value[TERMS], trace = 0;
-    for (int i = 0; i < PADDED * PADDED; i++) {
-        whole[i] = square[i] + square[PADDED * PADDED + i];
+    for (int i = 0; i < SQUARE; i++) {
+        whole[i] = square[i] + square[SQUARE + i] + square[2 * SQUARE + i];
     }
     for (int t = 0; t < TERMS; t++) {
         left[t] = from[t];
         value[t] = VLOAD(0, own + at + (size_t)t * s.stride);
         trace += whole[t * PADDED + t];
     }
+    carry_on(left, value, anchor + at, from + PADDED, square + 2 * SQUARE, damping, sums + item * 2,
+             s);
     const VEC ridge = 1e-6f * trace;
     for (int sweep = 0; sweep < sweeps; sweep++) {
         for (int t = 0; t < TERMS; t++) {
@@ -345,8 +402,7 @@ kernel void descend(global const float *own, global const float *gradient,
             left[t] -= ridge * (best - value[t]);
             value[t] = best;
             for (int u = 0; u < TERMS; u++) {
-                VEC a = u > t ? whole[u * PADDED + t] : whole[t * PADDED + u];
-                left[u] = fma(-a, change, left[u]);
+                left[u] = fma(-element(whole, t, u), change, left[u]);
             }
         }
     }
@@ -403,12 +459,14 @@ kernel void multiply(global const float *own, global const float *other, global 
     VSTORE(q, 0, plain + ((size_t)item * s.height + y) * s.stride + x);
 }
 
-/* correlations[pair][K][K]: the sums over x of weighted(x) plain(x + d). Items: (tile of columns, tile of rows, item). */
+/* correlations[pair][K][K]: the sums over x of weighted(x) plain(x + d), of entries up to `most` from the centre. Items:
+ * (tile of columns, tile of rows, item). */
 kernel void correlate(global const float *weighted, global const float *plain,
-                      global float *correlations, int first, const struct sizes s)
+                      global float *correlations, int first, int most, const struct sizes s)
 {
-    const int e = get_global_id(0) * ACROSS, v = get_global_id(1) * DOWN;
     const int item = get_global_id(2), half_window = s.window / 2, guard = half_window + DOWN;
+    const int e = half_window - most + get_global_id(0) * ACROSS;
+    const int v = half_window - most + get_global_id(1) * DOWN;
     const int begin = max(0, v - half_window);
     const int end = min(s.height, s.height + v - half_window + DOWN - 1);
     global const float *from =
@@ -451,7 +509,7 @@ kernel void correlate(global const float *weighted, global const float *plain,
     }
     for (int i = 0; i < DOWN; i++) {
         for (int j = 0; j < ACROSS; j++) {
-            if (v + i < s.window && e + j < s.window) {
+            if (v + i <= half_window + most && e + j <= half_window + most) {
                 correlations[((size_t)(first + item) * s.window + v + i) * s.window + e + j] =
                     sum_lanes(sums[i * ACROSS + j]);
             }
@@ -459,15 +517,16 @@ kernel void correlate(global const float *weighted, global const float *plain,
     }
 }
 
-/* V R of a few blocks and all columns of the window, 0 beyond it. */
+/* V R of a few blocks and columns [first, end) of the window. */
 INLINE void weigh_responses(VEC *weighted, global const stored *responses,
                             global const ushort *mask, global const float *near,
-                            global const float *far, int block, int blocks, const struct sizes s)
+                            global const float *far, int block, int blocks, int first, int end,
+                            const struct sizes s)
 {
     for (int b = 0; b < blocks; b++) {
         const int x = (block + b) * LANES;
         const VEC here = VLOAD(0, near + x);
-        for (int e = 0; e < WINDOW; e++) {
+        for (int e = first; e < end; e++) {
             VEC weight = here + VLOAD(0, far + x + e);
             if (MASKED) {
                 weight = select((VEC)(0), weight, load_mask(mask, WINDOW, block + b, e, 0));
@@ -478,13 +537,15 @@ INLINE void weigh_responses(VEC *weighted, global const stored *responses,
     }
 }
 
-/* For rows v of the window from `top` on: sides[v][e][TERMS], the sums over points of V R p_t, V without its scale. Items:
- * v - top. */
+/* For rows v of the window from `top` on and columns up to `most` from the centre: sides[v][e][TERMS], the sums over points
+ * of V R p_t, V without its scale. Items: v - top. */
 kernel void sides(global const stored *responses, global const ushort *mask,
                   global const float *own, global const float *other, global const float *near,
-                  global const float *far, global float *sides, int top, const struct sizes s)
+                  global const float *far, global float *sides, int top, int most,
+                  const struct sizes s)
 {
     const int v = get_global_id(0) + top, half_window = s.window / 2;
+    const int first = (half_window - most) / COLUMNS * COLUMNS, end = half_window + most + 1;
     VEC sums[TERMS * TILES * COLUMNS], lost[TERMS * TILES * COLUMNS], row[TERMS * TILES * COLUMNS];
     VEC weighted[STRETCH * TILES * COLUMNS];
     for (int i = 0; i < TERMS * TILES * COLUMNS; i++) {
@@ -497,20 +558,23 @@ kernel void sides(global const stored *responses, global const ushort *mask,
     for (int y = max(0, half_window - v); y < min(s.height, s.height + half_window - v); y++) {
         const int there = y + v - half_window;
         const size_t at = s.lead + ((size_t)y * s.window + v) * (size_t)s.row;
-        for (int i = 0; i < TERMS * TILES * COLUMNS; i++) {
-            row[i] = 0;
+        for (int t = 0; t < TERMS; t++) {
+            for (int e = first; e < end + COLUMNS - 1; e++) {
+                row[t * TILES * COLUMNS + min(e, TILES * COLUMNS - 1)] = 0;
+            }
         }
         for (int block = 0; block < s.blocks; block += STRETCH) {
             const int blocks = min(STRETCH, s.blocks - block);
             weigh_responses(weighted, responses + at, mask + (MASKED ? at / LANES : 0),
                             near + (size_t)y * s.stride + s.pad,
-                            far + (size_t)there * s.stride + s.pad - half_window, block, blocks, s);
+                            far + (size_t)there * s.stride + s.pad - half_window, block, blocks,
+                            first, end, s);
             for (int t = 0; t < TERMS; t++) {
                 global const float *of_own =
                     own + ((size_t)y * s.planes + t) * s.stride + s.pad + block * LANES;
                 global const float *of_other = other + ((size_t)there * s.planes + t) * s.stride +
                                                s.pad + block * LANES - half_window;
-                for (int e = 0; e < TILES * COLUMNS; e += COLUMNS) {
+                for (int e = first; e < end; e += COLUMNS) {
                     VEC part[COLUMNS];
                     UNROLL for (int j = 0; j < COLUMNS; j++)
                     {
@@ -531,11 +595,13 @@ kernel void sides(global const stored *responses, global const ushort *mask,
                 }
             }
         }
-        for (int i = 0; i < TERMS * TILES * COLUMNS; i++) {
-            add_exactly(&sums[i], &lost[i], row[i]);
+        for (int t = 0; t < TERMS; t++) {
+            for (int i = t * TILES * COLUMNS + first; i < t * TILES * COLUMNS + end; i++) {
+                add_exactly(&sums[i], &lost[i], row[i]);
+            }
         }
     }
-    for (int e = 0; e < s.window; e++) {
+    for (int e = first; e < end; e++) {
         for (int t = 0; t < TERMS; t++) {
             sides[((size_t)v * s.window + e) * TERMS + t] =
                 sum_lanes(sums[t * TILES * COLUMNS + e]);
@@ -543,14 +609,14 @@ kernel void sides(global const stored *responses, global const ushort *mask,
     }
 }
 
-/* For entries e of rows v of the window from `top` on: what the correlations have too much, lacks[v][e][PAIRS], the sums of
+/* For entries of the window from row `top` and column `left` on: what the correlations have too much, lacks[v][e][PAIRS], the sums of
  * V p_t p_s over points where the entry was not measured; or, where that is most of them, over those where it was, and
- * measured[v][e] = 1 in place of 0. Items: (e, v - top). */
+ * measured[v][e] = 1 in place of 0. Items: (e - left, v - top). */
 kernel void lack(global const ushort *mask, global const float *own, global const float *other,
                  global const float *near, global const float *far, global float *lacks,
-                 global int *measured, int top, const struct sizes s)
+                 global int *measured, int top, int left, const struct sizes s)
 {
-    const int v = get_global_id(1) + top, e = get_global_id(0), half_window = s.window / 2;
+    const int v = get_global_id(1) + top, e = get_global_id(0) + left, half_window = s.window / 2;
     const int begin = max(0, half_window - v), end = min(s.height, s.height + half_window - v);
     const IVEC all = (IVEC)(-1);
     int missing = 0, taken = 0;

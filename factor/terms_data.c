@@ -12,6 +12,11 @@
 /* Squared distances near the centre at which a radial kernel has a number of its own; farther out every point. */
 static const int near_squares[] = {0, 1, 2, 4, 5, 8, 9, 10, 13, 16};
 
+/* What is within reach: all but this share of the weighted squares, without the centre; a fourth of the window or less, and
+ * as far out as radial kernels have numbers at other distances than whole ones. */
+#define MOST_BEYOND 1e-3
+enum { REACH_SAVES = 2, LEAST_REACH = 4, REACH_POINTS = 1000 };
+
 enum { NEAR_SQUARES = sizeof near_squares / sizeof *near_squares, NEAR = 4 };
 
 static size_t points_of(const struct responses *r)
@@ -282,16 +287,61 @@ static void adopt_exponents(struct terms_data *d)
     }
 }
 
+/* Adds what entries so far from the centre as their ring weigh, of one point's response. */
+static void add_rings(const struct terms_data *d, int channel, int x, int y, float *window,
+                      double *rings)
+{
+    const struct responses *r = d->responses;
+    int half = r->window / 2;
+    double weight = (double)d->weights[y * r->width + x];
+    responses_get(r, channel, x, y, window);
+    for (int i = 0; i < r->window * r->window; i++) {
+        int across = abs(i % r->window - half), down = abs(i / r->window - half);
+        if (!isnan(window[i])) {
+            rings[across > down ? across : down] +=
+                weight * (double)d->scales[channel][i] * (double)window[i] * (double)window[i];
+        }
+    }
+}
+
+/* The fewest rows and columns around the centre beyond which there is but a small share of the weighted squares, if they
+ * save enough. A few points tell. */
+static int find_reach(const struct terms_data *d, float *window, double *rings)
+{
+    const struct responses *r = d->responses;
+    int half = r->window / 2, stride = (int)ceil(sqrt((double)points_of(r) / REACH_POINTS));
+    double all = 0, beyond = 0;
+    for (int i = 0; i < r->width * r->height; i++) {
+        int x = i % r->width, y = i / r->width;
+        for (int c = 0; x % stride == 0 && y % stride == 0 && c < r->channels; c++) {
+            add_rings(d, c, x, y, window, rings);
+        }
+    }
+    for (int k = 1; k <= half; k++) {
+        all += rings[k];
+    }
+    int reach = half;
+    for (; reach > LEAST_REACH; reach--) {
+        beyond += rings[reach];
+        if (beyond > MOST_BEYOND * all) {
+            break;
+        }
+    }
+    int side = 2 * reach + 1;
+    return REACH_SAVES * side * side <= r->window * r->window ? reach : half;
+}
+
 int terms_data_begin(struct terms_data *d, const struct responses *r,
                      const struct terms_options *options, double epsilon, struct nacre_error *error)
 {
     *d = (struct terms_data){.responses = r, .options = *options};
     float *window = malloc(area_of(r) * sizeof *window);
     double *squares = malloc(points_of(r) * sizeof *squares);
+    double *rings = calloc((size_t)r->window, sizeof *rings);
     int exponent = 0;
     d->weights = malloc(points_of(r) * sizeof *d->weights);
     int status = grid_begin(&d->grid, r->window, options->full, error);
-    if (!window || !squares || !d->weights) {
+    if (!window || !squares || !rings || !d->weights) {
         status = nacre_fail_memory(error, "the weights");
         goto out;
     }
@@ -305,6 +355,7 @@ int terms_data_begin(struct terms_data *d, const struct responses *r,
         status = scale_entries(d, exponent, epsilon, error);
     }
     if (status == NACRE_OK) {
+        d->reach = find_reach(d, window, rings);
         status = terms_gain_find(d, error);
     }
     if (status == NACRE_OK) {
@@ -319,6 +370,7 @@ int terms_data_begin(struct terms_data *d, const struct responses *r,
 out:
     free(window);
     free(squares);
+    free(rings);
     return status;
 }
 

@@ -45,6 +45,7 @@ struct terms_data {
     float *weights;                    /* [height][width]: W^2 of a point, 0 where it is dark */
     float *scales[RESPONSES_CHANNELS]; /* [K][K]: by which an entry's weight is multiplied */
     float *gain;                       /* [height][width] or NULL */
+    int reach; /* nearly all light is so many rows and columns from the centre; half of K: not used */
     int exponent; /* the objective is 2^exponent times what weights and scales make it */
     double constant
         [RESPONSES_CHANNELS]; /* of the objective, before that: what the two of each pair differ by */

@@ -14,6 +14,7 @@ enum { SWEEPS = 200 };
 struct system {
     int terms, count;
     double *same, *next, *side, *values;
+    bool *held; /* [count] */
 };
 
 static double of_pair(const float *equations, int t, int s)
@@ -75,7 +76,7 @@ static void descend(struct system *y)
         for (size_t i = 0; i < (size_t)y->count * terms; i++) {
             size_t k = i / terms, t = i % terms;
             double curvature = y->same[(k * terms + t) * terms + t];
-            if (curvature > 0) {
+            if (curvature > 0 && !y->held[k]) {
                 double best = fmax(0, y->values[i] - slope_of(y, k, t) / curvature);
                 change += curvature * (best - y->values[i]) * (best - y->values[i]);
                 weight += curvature * best * best;
@@ -99,26 +100,39 @@ static void mirror(const struct terms_grid *g, int terms, float *numbers)
     }
 }
 
-int terms_kernels_solve(const struct terms_grid *g, int terms, bool both_ways,
+/* Every entry that is looked at, if it is near enough; what others depend on is held. */
+static void add_entries(struct system *y, const struct terms_grid *g, bool both_ways, int most,
+                        const float *equations)
+{
+    size_t terms = (size_t)y->terms, row = terms * (terms + 1) / 2 + terms;
+    int area = g->window * g->window, half = g->window / 2;
+    for (int i = both_ways ? area / 2 + 1 : 0; i < area; i++) {
+        if (abs(i % g->window - half) > most || abs(i / g->window - half) > most) {
+            y->held[g->first[i]] = true;
+            y->held[g->first[i] + (g->share[i] > 0)] = true;
+        } else if (i != area / 2) {
+            add_entry(y, equations + (size_t)i * row, g->first[i], g->share[i]);
+        }
+    }
+}
+
+int terms_kernels_solve(const struct terms_grid *g, int terms, bool both_ways, int most,
                         const float *equations, float *numbers, struct nacre_error *error)
 {
-    size_t count = (size_t)g->count, m = (size_t)terms, row = m * (m + 1) / 2 + m;
+    size_t count = (size_t)g->count, m = (size_t)terms;
     struct system y = {.terms = terms,
                        .count = g->count,
                        .same = calloc(count * m * m, sizeof(double)),
                        .next = calloc(count * m * m, sizeof(double)),
                        .side = calloc(count * m, sizeof(double)),
-                       .values = calloc(count * m, sizeof(double))};
-    int area = g->window * g->window, status = NACRE_OK;
-    if (!y.same || !y.next || !y.side || !y.values) {
+                       .values = calloc(count * m, sizeof(double)),
+                       .held = calloc(count, sizeof(bool))};
+    int status = NACRE_OK;
+    if (!y.same || !y.next || !y.side || !y.values || !y.held) {
         status = nacre_fail_memory(error, "the kernels");
         goto out;
     }
-    for (int i = both_ways ? area / 2 + 1 : 0; i < area; i++) {
-        if (i != area / 2) {
-            add_entry(&y, equations + (size_t)i * row, g->first[i], g->share[i]);
-        }
-    }
+    add_entries(&y, g, both_ways, most, equations);
     for (size_t i = 0; i < count * m; i++) {
         y.values[i] = (double)numbers[i % m * count + i / m];
     }
@@ -134,5 +148,6 @@ out:
     free(y.next);
     free(y.side);
     free(y.values);
+    free(y.held);
     return status;
 }

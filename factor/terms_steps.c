@@ -4,6 +4,7 @@
 #include "factor/terms_kernels.h"
 
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 /* Extrapolation as in hals_steps.c. */
@@ -19,12 +20,29 @@
 /* Normal matrices of entries far from the centre are summed again in every so many steps. */
 enum { EXACT_STEPS = 6, DISTANT_EVERY = 12 };
 
-/* As DISTANT in terms.cl. */
-enum { STEP = 1, STEP_EXACT = 3 };
+/* As in terms.cl. */
+enum { STEP_SHAPED = 1, STEP = 3, STEP_WITHIN = 7, STEP_EXACT = 15 };
 
-static int is_exact(const struct terms_set *set)
+/* Steps on entries within reach between two on all: at first, and at most. Normal matrices are summed again in every so
+ * many of the first, and of the second. */
+enum {
+    FIRST_BURST = 2,
+    MOST_BURST = 12,
+    BURST_GROWTH = 2,
+    WITHIN_EVERY = 6,
+    NEAR_EVERY = 3,
+    ALL_EVERY = 2
+};
+
+static bool has_bursts(const struct terms *m)
 {
-    return set->accepted < EXACT_STEPS || set->accepted % DISTANT_EVERY == 0;
+    return m->sides == 1 && m->data->reach < m->data->grid.window / 2;
+}
+
+static int is_exact(const struct terms *m, const struct terms_set *set)
+{
+    int every = set->burst > 0 ? ALL_EVERY : DISTANT_EVERY;
+    return m->sides == 2 || set->accepted < EXACT_STEPS || set->accepted % every == 0;
 }
 
 /* A step so much shorter that still raises the objective: the model is as good as float arithmetic makes it. */
@@ -56,9 +74,10 @@ static int run(struct terms *m, enum terms_kernel name, const void *const *value
 
 /* One channel's part of a visit. side: 1 for the step of H. */
 static int visit_channel(struct terms *m, const struct terms_set *set, int channel, int side,
-                         cl_mem own, cl_mem other, int step, struct nacre_error *error)
+                         cl_mem own, cl_mem other, int step, int most, struct nacre_error *error)
 {
     const struct layout *l = &m->layouts[side];
+    const cl_int reach = m->data->reach;
     const cl_int more = channel > set->first;
     cl_mem near = side == 1 ? m->nothing : m->weights;
     cl_mem far = m->sides == 2 && side == 0 ? m->nothing : m->weights;
@@ -75,57 +94,76 @@ static int visit_channel(struct terms *m, const struct terms_set *set, int chann
                             &m->channels[channel].sums,
                             &more,
                             &step,
+                            &most,
+                            &reach,
                             &l->sizes};
-    size_t sizes[14];
-    for (int i = 0; i < 11; i++) {
-        sizes[i] = sizeof(cl_mem);
+    size_t sizes[16];
+    for (int i = 0; i < 15; i++) {
+        sizes[i] = i < 11 ? sizeof(cl_mem) : sizeof(cl_int);
     }
-    sizes[11] = sizes[12] = sizeof(cl_int);
-    sizes[13] = sizeof l->sizes;
-    return run(m, TERMS_VISIT, values, sizes, 14, (size_t)l->sizes.blocks, (size_t)l->sizes.height,
+    sizes[15] = sizeof l->sizes;
+    return run(m, TERMS_VISIT, values, sizes, 16, (size_t)l->sizes.blocks, (size_t)l->sizes.height,
                0, error);
 }
 
+/* Entries up to `most` from the centre. */
 static int visit(struct terms *m, const struct terms_set *set, int side, cl_mem own, cl_mem other,
-                 int step, struct nacre_error *error)
+                 int step, int most, struct nacre_error *error)
 {
     int status = NACRE_OK;
     for (int i = 0; i < set->count && status == NACRE_OK; i++) {
-        status = visit_channel(m, set, set->first + i, side, own, other, step, error);
+        status = visit_channel(m, set, set->first + i, side, own, other, step, most, error);
     }
     return status;
+}
+
+static int add_sums(struct terms *m, cl_mem from, double *sum, struct nacre_error *error)
+{
+    const struct layout *l = &m->layouts[0];
+    size_t count = 2 * (size_t)l->sizes.blocks * (size_t)l->sizes.height;
+    cl_int status = clEnqueueReadBuffer(l->opencl->queue, from, CL_TRUE, 0,
+                                        count * sizeof *m->partials, m->partials, 0, NULL, NULL);
+    for (size_t i = 0; i < count && status == CL_SUCCESS; i++) {
+        *sum += (double)m->partials[i];
+    }
+    return opencl_check(l->opencl, status, "cannot read the objective", error);
 }
 
 /* The objective that the last visit of F's side summed: each pair was met twice where it is one number. */
 static int collect(struct terms *m, const struct terms_set *set, double *objective,
                    struct nacre_error *error)
 {
-    const struct layout *l = &m->layouts[0];
-    size_t count = 2 * (size_t)l->sizes.blocks * (size_t)l->sizes.height;
     double sum = 0;
-    cl_int status = CL_SUCCESS;
-    for (int c = set->first; c < set->first + set->count && status == CL_SUCCESS; c++) {
-        status = clEnqueueReadBuffer(l->opencl->queue, m->channels[c].sums, CL_TRUE, 0,
-                                     count * sizeof *m->partials, m->partials, 0, NULL, NULL);
-        for (size_t i = 0; i < count && status == CL_SUCCESS; i++) {
-            sum += (double)m->partials[i];
-        }
+    int status = NACRE_OK;
+    for (int c = set->first; c < set->first + set->count && status == NACRE_OK; c++) {
+        status = add_sums(m, m->channels[c].sums, &sum, error);
     }
     *objective = sum / (m->sides == 1 ? 4 : 2);
-    return opencl_check(l->opencl, status, "cannot read the objective", error);
+    return status;
 }
 
+/* The best step from `own`, of which the gradient within reach is known, and that beyond of `anchor`. */
 static int descend(struct terms *m, const struct terms_set *set, struct terms_track *track,
-                   struct nacre_error *error)
+                   cl_mem own, cl_mem anchor, struct nacre_error *error)
 {
     const struct layout *l = &m->layouts[0];
     const cl_int sweeps = TERMS_SWEEPS;
-    const void *values[] = {&track->good,  &m->gradient, &set->curvature, &track->fresh,
-                            &set->damping, &sweeps,      &l->sizes};
-    const size_t sizes[] = {sizeof(cl_mem),      sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem),
-                            sizeof set->damping, sizeof sweeps,  sizeof l->sizes};
-    return run(m, TERMS_DESCEND, values, sizes, 7, (size_t)l->sizes.blocks, (size_t)l->sizes.height,
+    const void *values[] = {&own,       &anchor,       &m->gradient, &set->curvature, &track->fresh,
+                            &m->beyond, &set->damping, &sweeps,      &l->sizes};
+    const size_t sizes[] = {sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem),
+                            sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem),
+                            sizeof(float),  sizeof sweeps,  sizeof l->sizes};
+    return run(m, TERMS_DESCEND, values, sizes, 9, (size_t)l->sizes.blocks, (size_t)l->sizes.height,
                0, error);
+}
+
+int terms_copy_planes(struct terms *m, cl_mem from, cl_mem to, struct nacre_error *error)
+{
+    const struct layout *l = &m->layouts[0];
+    return opencl_check(l->opencl,
+                        clEnqueueCopyBuffer(l->opencl->queue, from, to, 0, 0,
+                                            l->factor_floats * sizeof(float), 0, NULL, NULL),
+                        "cannot copy planes", error);
 }
 
 static int extrapolate(struct terms *m, struct terms_track *track, float share,
@@ -173,26 +211,33 @@ static int read_floats(struct terms *m, cl_mem from, size_t count, void *to,
 }
 
 /* The part of the kernels' equations that is the same for all channels. */
-static int correlate(struct terms *m, cl_mem own, cl_mem other, struct nacre_error *error)
+static int correlate(struct terms *m, cl_mem own, cl_mem other, int most, struct nacre_error *error)
 {
     const struct layout_sizes *s = &m->layouts[0].sizes;
     size_t lanes = (size_t)m->data->copies[0].lanes, window = (size_t)s->window;
+    size_t side = 2 * (size_t)most + 1;
     cl_int pairs = s->terms * (s->terms + 1) / 2;
     int status = NACRE_OK;
     for (cl_int first = 0; first < pairs && status == NACRE_OK; first += TERMS_PRODUCTS) {
         size_t count = (size_t)(pairs - first < TERMS_PRODUCTS ? pairs - first : TERMS_PRODUCTS);
         const void *products[] = {
             &own, &other, &m->weights, &m->equations.weighted, &m->equations.plain, &first, s};
-        const void *sums[] = {&m->equations.weighted, &m->equations.plain,
-                              &m->equations.correlations, &first, s};
+        const void *sums[] = {&m->equations.weighted,
+                              &m->equations.plain,
+                              &m->equations.correlations,
+                              &first,
+                              &most,
+                              s};
         const size_t sizes[] = {sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem),
                                 sizeof(cl_mem), sizeof first,   sizeof *s};
+        const size_t sums_sizes[] = {sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem),
+                                     sizeof first,   sizeof most,    sizeof *s};
         status = run(m, TERMS_MULTIPLY, products, sizes, 7, (size_t)s->stride / lanes,
                      (size_t)s->height, count, error);
         if (status == NACRE_OK) {
-            status = run(m, TERMS_CORRELATE, sums, sizes + 2, 5,
-                         (window + TERMS_ACROSS - 1) / TERMS_ACROSS,
-                         (window + TERMS_DOWN - 1) / TERMS_DOWN, count, error);
+            status = run(m, TERMS_CORRELATE, sums, sums_sizes, 6,
+                         (side + TERMS_ACROSS - 1) / TERMS_ACROSS,
+                         (side + TERMS_DOWN - 1) / TERMS_DOWN, count, error);
         }
     }
     return status == NACRE_OK ? read_floats(m, m->equations.correlations,
@@ -201,12 +246,14 @@ static int correlate(struct terms *m, cl_mem own, cl_mem other, struct nacre_err
 }
 
 /* The channel's own part: right sides, and what was not measured. */
-static int find_sides(struct terms *m, int channel, cl_mem own, cl_mem other, cl_int top,
+static int find_sides(struct terms *m, int channel, cl_mem own, cl_mem other, cl_int top, int most,
                       struct nacre_error *error)
 {
     const struct layout *l = &m->layouts[0];
     const struct layout_sizes *s = &l->sizes;
-    size_t window = (size_t)s->window, rows = window - (size_t)top;
+    const cl_int left = s->window / 2 - most;
+    size_t window = (size_t)s->window, side = 2 * (size_t)most + 1;
+    size_t rows = window / 2 + (size_t)most + 1 - (size_t)top;
     size_t terms = (size_t)s->terms, pairs = terms * (terms + 1) / 2;
     cl_mem far = m->sides == 2 ? m->nothing : m->weights;
     cl_mem mask = l->channels[channel].mask;
@@ -218,19 +265,20 @@ static int find_sides(struct terms *m, int channel, cl_mem own, cl_mem other, cl
                            &far,
                            &m->equations.sides,
                            &top,
+                           &most,
                            s};
     const void *lacks[] = {
-        &mask, &own, &other, &m->weights, &far, &m->equations.lacks, &m->equations.measured,
-        &top,  s};
-    const size_t sizes[] = {sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem),
-                            sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem),
-                            sizeof(cl_mem), sizeof top,     sizeof *s};
-    int status = run(m, TERMS_SIDES, sides, sizes, 9, rows, 0, 0, error);
+        &mask, &own,  &other, &m->weights, &far, &m->equations.lacks, &m->equations.measured,
+        &top,  &left, s};
+    const size_t sizes[] = {sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem),
+                            sizeof(cl_mem), sizeof(cl_mem), sizeof(cl_mem), sizeof top,
+                            sizeof most,    sizeof *s};
+    int status = run(m, TERMS_SIDES, sides, sizes, 10, rows, 0, 0, error);
     if (status == NACRE_OK) {
         status = read_floats(m, m->equations.sides, window * window * terms, m->right, error);
     }
     if (status == NACRE_OK && m->lacks) {
-        status = run(m, TERMS_LACK, lacks, sizes, 9, window, rows, 0, error);
+        status = run(m, TERMS_LACK, lacks, sizes, 10, side, rows, 0, error);
     }
     if (status == NACRE_OK && m->lacks) {
         status = read_floats(m, m->equations.lacks, window * window * pairs, m->lacks, error);
@@ -241,12 +289,16 @@ static int find_sides(struct terms *m, int channel, cl_mem own, cl_mem other, cl
 }
 
 /* One channel's equations from what was read. Where both ends weigh, each distance is met forth and back. */
-static void assemble_equations(struct terms *m, int channel, int top)
+static void assemble_equations(struct terms *m, int channel, int top, int most)
 {
     const struct terms_data *d = m->data;
     size_t window = (size_t)d->grid.window, area = window * window;
     size_t terms = (size_t)m->layouts[0].sizes.terms, pairs = terms * (terms + 1) / 2;
     for (size_t i = (size_t)top * window; i < area; i++) {
+        if (abs((int)(i % window) - (int)window / 2) > most ||
+            abs((int)(i / window) - (int)window / 2) > most) {
+            continue;
+        }
         float *to = m->sums + i * m->equation_size;
         double scale = (double)d->scales[channel][i];
         for (size_t pair = 0; pair < pairs; pair++) {
@@ -265,24 +317,32 @@ static void assemble_equations(struct terms *m, int channel, int top)
     }
 }
 
-/* The best kernels for the planes that wait. */
-static int find_kernels(struct terms *m, struct terms_set *set, struct nacre_error *error)
+/* The best kernels for the planes that wait, by entries up to `most` from the centre: their numbers there. */
+static int find_kernels(struct terms *m, const struct terms_set *set, int most,
+                        struct nacre_error *error)
 {
     const struct terms_grid *g = &m->data->grid;
     cl_mem own = set->tracks[0].next, other = set->tracks[m->sides - 1].next;
     const cl_int top = m->sides == 2 ? 0 : g->window / 2;
-    int status = correlate(m, own, other, error);
+    int status = correlate(m, own, other, most, error);
     for (int c = set->first; c < set->first + set->count && status == NACRE_OK; c++) {
-        status = find_sides(m, c, own, other, top, error);
+        status = find_sides(m, c, own, other, top, most, error);
         if (status == NACRE_OK) {
-            assemble_equations(m, c, top);
-            status = terms_kernels_solve(g, m->layouts[0].sizes.terms, m->sides == 1, m->sums,
+            assemble_equations(m, c, top, most);
+            status = terms_kernels_solve(g, m->layouts[0].sizes.terms, m->sides == 1, most, m->sums,
                                          m->channels[c].next, error);
         }
         if (status == NACRE_OK) {
             status = terms_place_kernels(m, c, m->channels[c].next, error);
         }
     }
+    return status;
+}
+
+/* By all entries. */
+static int find_all_kernels(struct terms *m, struct terms_set *set, struct nacre_error *error)
+{
+    int status = find_kernels(m, set, m->data->grid.window / 2, error);
     set->placed = status == NACRE_OK;
     return status;
 }
@@ -292,19 +352,97 @@ static size_t number_bytes(const struct terms *m)
     return (size_t)m->data->grid.count * (size_t)m->layouts[0].sizes.terms * sizeof(float);
 }
 
+static void lengthen(struct terms_set *set)
+{
+    set->share = fminf(set->share_limit, GROWTH * set->share);
+    set->share_limit = fminf(1, LIMIT_GROWTH * set->share_limit);
+}
+
+static void shorten(struct terms_set *set)
+{
+    set->share_limit = set->share;
+    set->share /= SHRINK;
+}
+
+static void swap(cl_mem *a, cl_mem *b)
+{
+    cl_mem kept = *a;
+    *a = *b;
+    *b = kept;
+}
+
+/* The objective of what waits, as entries within reach and what is known of the others have it, and the best step from
+ * there. */
+static int look_within(struct terms *m, struct terms_set *set, int step, double *objective,
+                       struct nacre_error *error)
+{
+    struct terms_track *f = &set->tracks[0];
+    double beyond = 0;
+    int status = find_kernels(m, set, m->data->reach, error);
+    if (status == NACRE_OK) {
+        status = visit(m, set, 0, f->next, f->next, step, m->data->reach, error);
+    }
+    if (status == NACRE_OK) {
+        status = descend(m, set, f, f->next, f->good, error);
+    }
+    if (status == NACRE_OK) {
+        status = collect(m, set, objective, error);
+    }
+    if (status == NACRE_OK) {
+        status = add_sums(m, m->beyond, &beyond, error);
+    }
+    *objective += beyond;
+    return status;
+}
+
+/* Go on from what waits by steps on entries within reach; of the others the gradient at the model is carried on by their
+ * curvature, and kernels keep what they are there. Ends where not even a step without extrapolation is better. */
+static int burst(struct terms *m, struct terms_set *set, struct nacre_error *error)
+{
+    struct terms_track *f = &set->tracks[0];
+    double least = INFINITY, objective = 0;
+    int status = NACRE_OK, refused = 0;
+    for (int i = 0; i < set->burst && refused < 2 && status == NACRE_OK; i++) {
+        status = look_within(m, set,
+                             i % WITHIN_EVERY == WITHIN_EVERY - 1 ? STEP_WITHIN
+                             : i % NEAR_EVERY == 0                ? STEP
+                                                                  : STEP_SHAPED,
+                             &objective, error);
+        if (status == NACRE_OK && objective <= least) {
+            least = objective;
+            refused = 0;
+            swap(&f->kept, &f->next);
+            if (i > 0) {
+                lengthen(set);
+            }
+            status = extrapolate(m, f, set->share, error);
+        } else if (status == NACRE_OK && refused++ == 0) {
+            shorten(set);
+            swap(&f->next,
+                 &f->last); /* the best step from what is kept; what it was carried on to is not */
+            status = terms_copy_planes(m, f->next, f->last, error);
+        } else if (status == NACRE_OK) {
+            swap(&f->next, &f->kept);
+        }
+    }
+    return status;
+}
+
 /* From the model, whose gradient is known: the best step, carried on, waits in `next`, and its kernels. */
-static int make_step(struct terms *m, struct terms_set *set, float share, struct nacre_error *error)
+static int make_step(struct terms *m, struct terms_set *set, float share, int steps,
+                     struct nacre_error *error)
 {
     struct terms_track *f = &set->tracks[0], *h = &set->tracks[1];
-    int status = descend(m, set, f, error);
+    const int all = m->data->grid.window / 2;
+    int status = descend(m, set, f, f->good, f->good, error);
     if (status == NACRE_OK) {
         status = extrapolate(m, f, share, error);
     }
     if (status == NACRE_OK && m->sides == 2) {
-        status = visit(m, set, 1, h->good, f->next, STEP_EXACT, error);
+        status = visit(m, set, 1, h->good, f->next, STEP_EXACT, all, error);
     }
     if (status == NACRE_OK && m->sides == 2) {
-        status = descend(m, set, h, error);
+        status = descend(m, set, h, h->good, h->good, error);
     }
     if (status == NACRE_OK && m->sides == 2) {
         status = extrapolate(m, h, share, error);
@@ -312,15 +450,16 @@ static int make_step(struct terms *m, struct terms_set *set, float share, struct
     for (int c = set->first; c < set->first + set->count; c++) {
         memcpy(m->channels[c].next, m->channels[c].good, number_bytes(m));
     }
-    return status == NACRE_OK ? find_kernels(m, set, error) : status;
+    if (status == NACRE_OK && steps > 0) {
+        status = burst(m, set, error);
+    }
+    return status == NACRE_OK ? find_all_kernels(m, set, error) : status;
 }
 
 static void accept(struct terms *m, struct terms_set *set, double objective)
 {
     for (int side = 0; side < m->sides; side++) {
-        cl_mem kept = set->tracks[side].good;
-        set->tracks[side].good = set->tracks[side].next;
-        set->tracks[side].next = kept;
+        swap(&set->tracks[side].good, &set->tracks[side].next);
     }
     for (int c = set->first; c < set->first + set->count; c++) {
         float *kept = m->channels[c].good;
@@ -330,9 +469,10 @@ static void accept(struct terms *m, struct terms_set *set, double objective)
     set->objective = objective;
     if (set->accepted == PLAIN) {
         set->share = FIRST;
+        set->burst = has_bursts(m) ? FIRST_BURST : 0;
     } else if (set->refused == 0) {
-        set->share = fminf(set->share_limit, GROWTH * set->share);
-        set->share_limit = fminf(1, LIMIT_GROWTH * set->share_limit);
+        lengthen(set);
+        set->burst = set->burst > 0 ? (int)fmin(MOST_BURST, set->burst + BURST_GROWTH) : 0;
     }
     set->damping = fmaxf(least_damping(m), 0.9F * set->damping);
     set->accepted++;
@@ -346,8 +486,8 @@ static int refuse(struct terms *m, struct terms_set *set, struct nacre_error *er
     int status = NACRE_OK;
     set->refused++;
     if (set->refused == 1 && set->share > 0) {
-        set->share_limit = set->share;
-        set->share /= SHRINK;
+        shorten(set);
+        set->burst = set->burst > 1 ? set->burst / 2 : set->burst;
     } else {
         set->damping *= 2;
     }
@@ -356,9 +496,9 @@ static int refuse(struct terms *m, struct terms_set *set, struct nacre_error *er
         status = terms_place_kernels(m, c, m->channels[c].good, error);
     }
     if (status == NACRE_OK && !set->settled) {
-        status = visit(m, set, 0, own, other, STEP_EXACT, error);
+        status = visit(m, set, 0, own, other, STEP_EXACT, m->data->grid.window / 2, error);
     }
-    return status == NACRE_OK && !set->settled ? make_step(m, set, 0, error) : status;
+    return status == NACRE_OK && !set->settled ? make_step(m, set, 0, 0, error) : status;
 }
 
 int terms_advance(struct terms *m, struct terms_set *set, struct nacre_error *error)
@@ -367,17 +507,17 @@ int terms_advance(struct terms *m, struct terms_set *set, struct nacre_error *er
     int status = NACRE_OK;
     set->viewed = 0;
     if (!set->placed) {
-        status = find_kernels(m, set, error);
+        status = find_all_kernels(m, set, error);
     }
     while (status == NACRE_OK && !set->settled) {
         status = visit(m, set, 0, set->tracks[0].next, set->tracks[m->sides - 1].next,
-                       m->sides == 2 || is_exact(set) ? STEP_EXACT : STEP, error);
+                       is_exact(m, set) ? STEP_EXACT : STEP, m->data->grid.window / 2, error);
         if (status == NACRE_OK) {
             status = collect(m, set, &objective, error);
         }
         if (status == NACRE_OK && objective <= set->objective) {
             accept(m, set, objective);
-            return make_step(m, set, set->share, error);
+            return make_step(m, set, set->share, set->burst, error);
         }
         if (status == NACRE_OK) {
             status = refuse(m, set, error);
@@ -390,10 +530,11 @@ int terms_view(struct terms *m, struct terms_set *set, struct nacre_error *error
 {
     int status = NACRE_OK;
     if (!set->placed) {
-        status = find_kernels(m, set, error);
+        status = find_all_kernels(m, set, error);
     }
     if (status == NACRE_OK && !set->viewed && !set->settled) {
-        status = visit(m, set, 0, set->tracks[0].next, set->tracks[m->sides - 1].next, 0, error);
+        status = visit(m, set, 0, set->tracks[0].next, set->tracks[m->sides - 1].next, 0,
+                       m->data->grid.window / 2, error);
         if (status == NACRE_OK) {
             status = collect(m, set, &set->next_objective, error);
         }

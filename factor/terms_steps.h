@@ -17,7 +17,7 @@ enum terms_kernel {
     TERMS_KERNEL_COUNT
 };
 
-enum { TERMS_SWEEPS = 10 };
+enum { TERMS_SWEEPS = 10, TERMS_SQUARES = 3 /* of a point, in the curvature */ };
 
 /* As in terms.cl; and pairs of terms whose products are held at a time. */
 enum { TERMS_DOWN = 3, TERMS_ACROSS = 4, TERMS_COLUMNS = 4, TERMS_PRODUCTS = 18 };
@@ -28,16 +28,18 @@ struct terms_track {
     cl_mem next;  /* extrapolated from it: where the next step starts, if that proves good */
     cl_mem last;  /* the last best step, before extrapolation */
     cl_mem fresh; /* the best step being made */
+    cl_mem kept;  /* the last that lowered the objective as steps on entries within reach see it */
 };
 
 /* Planes and the channels they belong to. */
 struct terms_set {
     int first, count; /* channels */
     struct terms_track tracks[2];
-    cl_mem curvature; /* as in terms.cl; its distant part is carried over from step to step */
+    cl_mem curvature;         /* as in terms.cl; parts of it are carried over from step to step */
     float share, share_limit; /* of the extrapolation */
     float damping;
     double objective;      /* of the model; infinite: not known */
+    int burst;             /* how many steps on entries within reach alone are next */
     int accepted;          /* steps taken */
     int refused;           /* steps not taken since the last that was */
     int settled;           /* no step lowers the objective any more */
@@ -62,7 +64,8 @@ struct terms {
     } channels[RESPONSES_CHANNELS];
     cl_mem weights, nothing; /* [height][stride] */
     cl_mem gradient;
-    struct { /* of the kernels' equations, as in terms.cl */
+    cl_mem beyond; /* what entries beyond reach have of the objective, as carried on: sums */
+    struct {       /* of the kernels' equations, as in terms.cl */
         cl_mem weighted, plain, correlations, sides, lacks, measured;
     } equations;
     size_t curvature_floats;             /* of one set */
@@ -82,6 +85,8 @@ int terms_advance(struct terms *m, struct terms_set *set, struct nacre_error *er
 /* Find out which is better, the model or what waits. */
 int terms_view(struct terms *m, struct terms_set *set, struct nacre_error *error);
 bool terms_is_next_better(const struct terms_set *set); /* once viewed */
+
+int terms_copy_planes(struct terms *m, cl_mem from, cl_mem to, struct nacre_error *error);
 
 /* Bring the numbers of a channel's kernels to the device. */
 int terms_place_kernels(struct terms *m, int channel, const float *numbers,

@@ -15,7 +15,7 @@
 enum {
     WARM = 6,    /* steps before any is timed: the first make all normal matrices afresh */
     ROUNDS = 12, /* a multiple of the steps from one such to the next */
-    MOST_STEPS = 200,
+    MOST_STEPS = 1000,
     PATIENCE = 5 /* as in iterate.c */
 };
 
@@ -46,7 +46,9 @@ struct made {
     struct method *method;
 };
 
-static void make(const struct sample *s, const struct opencl *opencl, struct made *made)
+/* Unless with `bursts` each step visits all entries, and is one. */
+static void make(const struct sample *s, const struct opencl *opencl, bool bursts,
+                 struct made *made)
 {
     const struct factor_options options = factor_options_default();
     const struct terms_options how = {.bits = 8};
@@ -56,8 +58,13 @@ static void make(const struct sample *s, const struct opencl *opencl, struct mad
     *made = (struct made){.responses = field_load(&field, layout_lanes(opencl), true)};
     field_finish(&field);
     if (terms_data_begin(&made->data, &made->responses, &how, options.epsilon, &error) !=
-            NACRE_OK ||
-        features_new(&made->responses, &prepared.features, &error) != NACRE_OK ||
+        NACRE_OK) {
+        fail(error.text);
+    }
+    if (!bursts) {
+        made->data.reach = s->window / 2;
+    }
+    if (features_new(&made->responses, &prepared.features, &error) != NACRE_OK ||
         attempt_begin(&made->attempt, &made->responses, &prepared, &made->data, &options, s->terms,
                       1, &error) != NACRE_OK ||
         terms_new(opencl, &made->attempt.problem, &made->method, &error) != NACRE_OK ||
@@ -146,22 +153,31 @@ static void time_steps(const struct sample *s, struct made *made)
     sgemm_finish(&sgemm);
 }
 
-/* From the start until five steps lower the objective by less than five times the tolerance. */
+/* As in iterate.c: five steps and the later half of all, in multiples of the tolerance. */
+#define VALLEY 15
+
+/* From the start until a run settles. */
 static void settle(const struct sample *s, const struct opencl *opencl)
 {
     struct made made;
     double objective[MOST_STEPS + 1];
     int steps = 0;
-    make(s, opencl, &made);
+    make(s, opencl, true, &made);
+    profile_clear();
+    profile_count(true);
     struct moment start = timing_now();
     for (bool settled = false; !settled && steps < MOST_STEPS; steps++) {
         objective[steps] = advance(&made);
         settled = steps > PATIENCE &&
-                  objective[steps] >= (1 - PATIENCE * TOLERANCE) * objective[steps - PATIENCE];
+                  objective[steps] >= (1 - PATIENCE * TOLERANCE) * objective[steps - PATIENCE] &&
+                  objective[steps] >= (1 - VALLEY * TOLERANCE) * objective[steps / 2];
     }
     struct moment taken = timing_since(start);
+    profile_count(false);
+    struct profile profile = profile_read();
     printf("    settles after %d steps at %.6g: %.2f s, %.2f processor s\n", steps,
            objective[steps - 1], taken.wall, taken.processor);
+    print_kernels(&profile, steps);
     (void)fflush(stdout);
     finish(&made);
 }
@@ -169,7 +185,7 @@ static void settle(const struct sample *s, const struct opencl *opencl)
 static void run(const struct sample *s, const struct opencl *opencl)
 {
     struct made made;
-    make(s, opencl, &made);
+    make(s, opencl, false, &made);
     for (int i = 0; i < WARM; i++) {
         (void)advance(&made);
     }

@@ -25,10 +25,11 @@ struct stage {
 };
 
 static void open_stage(struct stage *s, const struct hard_case *hard, const struct opencl *opencl,
-                       int terms)
+                       enum hard_start start, int terms)
 {
     struct factor_options options = factor_options_default();
-    const struct terms_options how = {.bits = 8};
+    const struct terms_options how = {
+        .reciprocity = start >= HARD_RECIPROCAL ? TERMS_RECIPROCAL : TERMS_AUTO, .bits = 8};
     struct factor_prepared prepared = {0};
     struct nacre_error error = {0};
     struct sample sample = hard_sample(hard);
@@ -36,6 +37,7 @@ static void open_stage(struct stage *s, const struct hard_case *hard, const stru
     sample_finish(&sample);
     options.epsilon = hard_epsilon(hard);
     bench_succeed(terms_data_begin(&s->data, &s->responses, &how, options.epsilon, &error), &error);
+    s->data.reach = start == HARD_WHOLE ? hard->window / 2 : s->data.reach;
     bench_succeed(features_new(&s->responses, &prepared.features, &error), &error);
     bench_succeed(
         attempt_begin(&s->attempt, &s->responses, &prepared, &s->data, &options, terms, 1, &error),
@@ -81,7 +83,7 @@ static void start_as(struct stage *s, enum hard_start start)
 {
     struct nacre_error error = {0};
     float *planes[] = {s->f, s->h};
-    if (start == HARD_AS_FOUND) {
+    if (start != HARD_DEAD && start != HARD_IDENTICAL) {
         return;
     }
     read_all(s);
@@ -145,7 +147,8 @@ struct hard_terms_figures hard_terms_run(const struct hard_case *hard, const str
     struct nacre_error error = {0};
     struct stage s;
     double before = INFINITY;
-    open_stage(&s, hard, opencl, terms > 0 ? terms : hard->terms);
+    open_stage(&s, hard, opencl, start, terms > 0 ? terms : hard->terms);
+    figures.reach = s.data.reach;
     start_as(&s, start);
     for (int i = 0; i < (steps > 0 ? steps : 40); i++) {
         double objective = 0;

@@ -11,8 +11,10 @@
 /* How planes start. */
 enum hard_start {
     HARD_AS_FOUND,
-    HARD_DEAD,      /* the last term is 0 */
-    HARD_IDENTICAL, /* the last term is the first */
+    HARD_DEAD,       /* the last term is 0 */
+    HARD_IDENTICAL,  /* the last term is the first */
+    HARD_RECIPROCAL, /* as found; pairs are taken for two measurements of one number */
+    HARD_WHOLE,      /* so too, and each step visits all entries */
 };
 
 /* What is worst over all steps. Objectives are summed in double precision from planes and kernels. */
@@ -22,6 +24,7 @@ struct hard_terms_figures {
     double device; /* what the device calls the objective, less what it is, over what is allowed */
     double slope;  /* how far kernels are from the best for their planes: double_terms.h */
     double energy, objective; /* of no model; at the end */
+    int reach;                /* of the steps that do not visit all entries */
 };
 
 /* With so many terms and steps; 0: the case's own. */
