@@ -110,8 +110,8 @@ static void a_mirrored_tile_answers_mirrored(void)
     }
 }
 
-/* The grid cut between two columns, its right part on texture coordinates two mirrored periods away. */
-static struct mesh cut_grid(int columns, int rows, int cut, double point_mm, int width)
+/* The grid cut between two columns, its right part on texture coordinates `shift` surface points away. */
+static struct mesh cut_grid(int columns, int rows, int cut, double point_mm, int shift)
 {
     struct mesh whole = stand_grid(columns, rows, point_mm), mesh;
     size_t old = whole.vertex_count, extra = (size_t)rows;
@@ -127,10 +127,10 @@ static struct mesh cut_grid(int columns, int rows, int cut, double point_mm, int
         memcpy(mesh.positions[to], whole.positions[from], sizeof *mesh.positions);
         memcpy(mesh.normals[to], whole.normals[from], sizeof *mesh.normals);
         memcpy(mesh.uv[to], whole.uv[from], sizeof *mesh.uv);
-        mesh.uv[to][0] += (float)(4 * width * point_mm);
+        mesh.uv[to][0] += (float)(shift * point_mm);
     }
     for (size_t i = 0; i < old; i++) {
-        mesh.uv[i][0] += i % (size_t)columns > (size_t)cut ? (float)(4 * width * point_mm) : 0;
+        mesh.uv[i][0] += i % (size_t)columns > (size_t)cut ? (float)(shift * point_mm) : 0;
     }
     for (size_t i = 0; i < mesh.triangle_count * 3; i++) {
         uint32_t *corner = &mesh.triangles[i / 3][i % 3];
@@ -153,7 +153,8 @@ static void a_cut_in_the_texture_coordinates_does_not_show(void)
     material = made_material(kinds[2]);
     int columns = material.width, rows = material.height;
     stand = stand_make(&material, stand_grid(columns, rows, material.pitch_mm), &by_uv);
-    other = stand_make(&material, cut_grid(columns, rows, 5, material.pitch_mm, columns), &by_uv);
+    other =
+        stand_make(&material, cut_grid(columns, rows, 5, material.pitch_mm, 4 * columns), &by_uv);
     stand_light_evenly(&stand, 9);
     stand_light_evenly(&other, 9);
     (void)stand_gather(&stand, 2e-3);
@@ -162,6 +163,47 @@ static void a_cut_in_the_texture_coordinates_does_not_show(void)
      * surface point that the sample itself lies on only where both are on its border: a rare rounding. Without the
      * provision for cuts the difference is above 0.3. */
     TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0, rms_difference(&stand, &other));
+}
+
+/* Of the vertices on one side of a column, over the second's. */
+static double side_difference(const struct stand *a, const struct stand *b, int columns, int cut,
+                              bool right)
+{
+    double square = 0, reference = 0;
+    for (size_t i = 0; i < b->mesh.vertex_count; i++) {
+        int column = (int)(i % (size_t)columns);
+        for (int c = 0; c < 3 && (right ? column > cut : column < cut); c++) {
+            double one = a->radiosity[i][c], two = b->radiosity[i][c];
+            square += (one - two) * (one - two);
+            reference += two * two;
+        }
+    }
+    return sqrt(square / reference);
+}
+
+/* Where the right part shows another part of the material, each side is lit as if all of the grid lay where it does
+ * itself: F of light from beyond the cut is read at the offset from x_o, not where the light's own side lies. The bound is
+ * that of the test before. */
+static void each_side_of_a_cut_continues_its_own_part_of_the_material(void)
+{
+    enum { CUT = 5 };
+    material = made_material(kinds[2]);
+    int columns = material.width, rows = material.height, shift = 2 * columns + 3;
+    other = stand_make(&material, cut_grid(columns, rows, CUT, material.pitch_mm, shift), &by_uv);
+    stand_light_evenly(&other, 9);
+    (void)stand_gather(&other, 2e-3);
+    for (int right = 0; right < 2; right++) {
+        struct mesh whole = stand_grid(columns, rows, material.pitch_mm);
+        for (size_t i = 0; i < whole.vertex_count; i++) {
+            whole.uv[i][0] += right ? (float)(shift * material.pitch_mm) : 0;
+        }
+        stand_finish(&stand);
+        stand = stand_make(&material, whole, &by_uv);
+        stand_light_evenly(&stand, 9);
+        (void)stand_gather(&stand, 2e-3);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-3, 0, side_difference(&other, &stand, columns, CUT, right));
+        TEST_ASSERT_TRUE(side_difference(&other, &stand, columns, CUT, !right) > 0.05);
+    }
 }
 
 static void a_light_spot_between_surface_points_keeps_its_energy(void)
@@ -573,6 +615,7 @@ int main(void)
     RUN_TEST(a_level_surface_gives_the_response_of_a_lit_point_back);
     RUN_TEST(a_mirrored_tile_answers_mirrored);
     RUN_TEST(a_cut_in_the_texture_coordinates_does_not_show);
+    RUN_TEST(each_side_of_a_cut_continues_its_own_part_of_the_material);
     RUN_TEST(a_light_spot_between_surface_points_keeps_its_energy);
     RUN_TEST(even_light_shows_the_albedo);
     RUN_TEST(the_albedo_is_the_sum_of_what_arrives);
