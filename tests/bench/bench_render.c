@@ -213,18 +213,19 @@ static void report(const char *name, const struct way *way, const struct outcome
     (void)fflush(stdout);
 }
 
-/* Ways on the same samples follow the plain one on them. */
+/* Ways on the same samples follow the plain one on them; the first has a tolerance that leaves the whole error just within
+ * 1 %, what the samples are off included. */
 static const struct way ways[] = {
     {.density = 1, .rays = 8, .photons = 1000000, .plain = true},
     {.density = 1, .rays = 8, .plain = true},
-    {.density = 1, .rays = 8, .tolerance = 0.0067},
+    {.density = 1, .rays = 8, .tolerance = 0.0085},
     {.density = 1, .rays = 8, .tolerance = 0.002},
     {.density = 1, .rays = 8, .tolerance = 0.0005},
     {.density = 4, .rays = 8, .plain = true},
-    {.density = 4, .rays = 8, .tolerance = 0.0067},
+    {.density = 4, .rays = 8, .tolerance = 0.016},
     {.density = 4, .rays = 8, .tolerance = 0.002},
     {.density = 16, .rays = 8, .plain = true},
-    {.density = 16, .rays = 8, .tolerance = 0.0067},
+    {.density = 16, .rays = 8, .tolerance = 0.018},
     {.density = 16, .rays = 8, .tolerance = 0.002},
 };
 

@@ -139,7 +139,7 @@ enum shape { FLAT, HILLS, SLIT, BALL, BALL_BOX, BALL_PLANAR, KNOT, SHAPES };
 /* Light that changes over the surface, and ends in a shadow's edge. */
 static void light_in_stripes(void)
 {
-    stand_light_evenly(&stand, 4);
+    stand_light_evenly(&stand, 2);
     for (size_t i = 0; i < stand.samples.count; i++) {
         struct light_sample *sample = &stand.samples.list[i];
         for (int c = 0; c < 3; c++) {
