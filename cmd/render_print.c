@@ -28,8 +28,13 @@ static void print_object(size_t number, const struct render_object_report *objec
     if (!object->translucent) {
         return;
     }
-    (void)printf("  light       %zu samples, %llu rays\n", counts->samples,
+    (void)printf("  light       %zu samples, %llu rays", counts->samples,
                  (unsigned long long)rays_of(&counts->work));
+    if (counts->gather.convolved > 0) {
+        (void)printf("; %.3g %% of the vertices by convolution",
+                     100 * (double)counts->gather.convolved / (double)counts->gather.receivers);
+    }
+    (void)printf("\n");
     (void)printf(
         "  surface point %.3g mm, drawn larger by %.2f / %.2f / %.2f (5 / 50 / 95 %% of the "
         "surface)\n",
@@ -117,16 +122,17 @@ int render_print_json(const char *picture, int frames, const struct render_repor
         const struct render_object_report *o = &report->objects[i];
         (void)json_array_append_new(
             objects,
-            json_pack("{s:I, s:I, s:I, s:I, s:I, s:b, s:I, s:I, s:I, s:f, s:[f, f, f], s:f, s:b}",
-                      "vertices", (json_int_t)o->vertices, "triangles", (json_int_t)o->triangles,
-                      "degenerate", (json_int_t)o->degenerate, "open_edges",
-                      (json_int_t)o->open_edges, "crowded_edges", (json_int_t)o->crowded_edges,
-                      "translucent", o->translucent, "samples", (json_int_t)o->counts.samples,
-                      "pairs",
-                      (json_int_t)o->counts.gather.points + (json_int_t)o->counts.gather.squares,
-                      "rays", (json_int_t)rays_of(&o->counts.work), "point_mm", o->point_mm,
-                      "stretch", o->stretch[0], o->stretch[1], o->stretch[2], "edge_on", o->edge_on,
-                      "limited", o->limited));
+            json_pack(
+                "{s:I, s:I, s:I, s:I, s:I, s:b, s:I, s:I, s:I, s:I, s:f, s:[f, f, f], s:f, s:b}",
+                "vertices", (json_int_t)o->vertices, "triangles", (json_int_t)o->triangles,
+                "degenerate", (json_int_t)o->degenerate, "open_edges", (json_int_t)o->open_edges,
+                "crowded_edges", (json_int_t)o->crowded_edges, "translucent", o->translucent,
+                "samples", (json_int_t)o->counts.samples, "pairs",
+                (json_int_t)o->counts.gather.points + (json_int_t)o->counts.gather.squares,
+                "convolved", (json_int_t)o->counts.gather.convolved, "rays",
+                (json_int_t)rays_of(&o->counts.work), "point_mm", o->point_mm, "stretch",
+                o->stretch[0], o->stretch[1], o->stretch[2], "edge_on", o->edge_on, "limited",
+                o->limited));
     }
     if (root && report->refine.count > 0) {
         (void)json_object_set_new(root, "refined", refine_to_json(&report->refine));

@@ -120,6 +120,7 @@ static void count(const struct light_samples *samples, const struct gather_count
     counts->gather.points += gather->points;
     counts->gather.squares += gather->squares;
     counts->gather.posts += gather->posts;
+    counts->gather.convolved += gather->convolved;
     counts->gather.error = fmax(counts->gather.error, gather->error);
 }
 

@@ -35,6 +35,12 @@ double convolve_cost_ns(struct convolve_patches *patches, size_t receivers,
     return ns;
 }
 
+/* Convolving must promise this share less: it may be off too far, and then was in vain. */
+static const double margin = 0.8;
+
+/* A few vertices here and there are no reason to take two ways. */
+enum { LEAST_SHARE = 16 };
+
 static int compare_floats(const void *a, const void *b)
 {
     float one = *(const float *)a, two = *(const float *)b;
@@ -65,4 +71,21 @@ struct convolve_served convolve_serve(const struct convolve_patches *patches, si
     }
     free(sorted);
     return served;
+}
+
+double convolve_both_ns(size_t served, size_t receivers, double convolve_ns, double plain_ns,
+                        double summed_ns)
+{
+    double rest = 1 - (double)served / (double)receivers;
+    return convolve_ns + (rest > 0 ? fmin(rest * plain_ns, summed_ns) : 0);
+}
+
+bool convolve_worthwhile(size_t served, size_t receivers)
+{
+    return served * LEAST_SHARE > receivers;
+}
+
+bool convolve_pays(size_t served, size_t receivers, double both_ns, double gather_ns)
+{
+    return convolve_worthwhile(served, receivers) && both_ns < margin * gather_ns;
 }

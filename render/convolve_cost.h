@@ -21,4 +21,12 @@ struct convolve_served {
 struct convolve_served convolve_serve(const struct convolve_patches *patches, size_t receivers,
                                       double most);
 
+/* What convolving for those served takes together with gathering for the others, plainly or summed up. */
+double convolve_both_ns(size_t served, size_t receivers, double convolve_ns, double plain_ns,
+                        double summed_ns);
+
+/* Whether those are enough to take two ways, and that is enough less than what the gather takes alone. */
+bool convolve_worthwhile(size_t served, size_t receivers);
+bool convolve_pays(size_t served, size_t receivers, double both_ns, double gather_ns);
+
 #endif

@@ -1,6 +1,7 @@
 /* Listing the effects of a scene, with the lines that call for them. */
 #include "render/effects_list.h"
 
+#include "render/convolve_ahead.h"
 #include "render/facts.h"
 #include "render/gather_cost.h"
 #include "render/plain.h"
@@ -23,8 +24,15 @@ static const double LOCAL_S = 5.5e-7;
 /* Of what gather_cost.c counts: laying out light and checking what summing up changes come on top. */
 static const double GATHER_TIMES = 1.6;
 
+/* How light gets through the translucent objects. */
+struct through {
+    double seconds;
+    double fits, convolved, receivers; /* vertices where kernels differ by term */
+};
+
 struct list {
     const struct stage *stage;
+    struct through through;
     struct effect *effects;
     double samples, translucent_vertices; /* of translucent objects */
     double vertices;                      /* of plain ones that are lit here */
@@ -80,29 +88,49 @@ static double light_rays(const struct list *list)
            0.5 * list->vertices * list->soft_lights * PLAIN_RAYS;
 }
 
-static double gather_seconds(const struct list *list)
+static int add_through(const struct stage *stage, size_t index, struct through *through,
+                       struct nacre_error *error)
 {
-    const struct stage *stage = list->stage;
-    double seconds = 0;
-    for (size_t i = 0; i < stage->scene->object_count; i++) {
-        const struct stage_object *object = &stage->objects[i];
-        double point = stage->facts[i].point_mm, points = surface_mm2(object) / (point * point);
-        struct nacre_error ignored;
-        struct levels levels = {0};
-        if (stage->effects.objects[i].subsurface &&
-            levels_make(&levels, &object->appearance,
-                        stage->settings->bake.tolerance > 0 ? stage->settings->bake.tolerance
-                                                            : BAKE_TOLERANCE,
-                        &ignored) == NACRE_OK) {
-            struct gather_cost cost =
-                gather_cost_ahead(&object->appearance, &levels, (double)object->mesh.vertex_count,
-                                  points * stage->settings->bake.density, points);
-            seconds += fmin(cost.plain, cost.summed) * 1e-9 * GATHER_TIMES;
-        }
-        levels_finish(&levels);
+    const struct stage_object *object = &stage->objects[index];
+    const struct bake_settings *settings = &stage->settings->bake;
+    double point = stage->facts[index].point_mm, points = surface_mm2(object) / (point * point);
+    double tolerance = settings->tolerance > 0 ? settings->tolerance : BAKE_TOLERANCE;
+    double vertices = (double)object->mesh.vertex_count;
+    struct levels levels = {0};
+    struct convolve_ahead ahead;
+    if (!stage->effects.objects[index].subsurface) {
+        return NACRE_OK;
     }
-    return seconds *
-           (1 + (render_has(&stage->effects, RENDER_BOUNCES) ? stage->scene->bounces : 0));
+    int status = levels_make(&levels, &object->appearance, tolerance, error);
+    if (status == NACRE_OK) {
+        struct gather_cost cost = gather_cost_ahead(&object->appearance, &levels, vertices,
+                                                    points * settings->density, points);
+        status = convolve_ahead(&ahead, &object->mesh, &object->mapping, &object->appearance,
+                                stage->effects.objects[index].same_side, tolerance,
+                                points * settings->density, cost, error);
+    }
+    if (status == NACRE_OK) {
+        bool terms = object->appearance.layout == NACRE_KERNEL_PER_TERM;
+        through->seconds += ahead.ns * 1e-9 * GATHER_TIMES;
+        through->receivers += terms ? vertices : 0;
+        through->fits += ahead.fits;
+        through->convolved += ahead.chosen ? ahead.fits : 0;
+    }
+    levels_finish(&levels);
+    return status;
+}
+
+static int find_through(const struct stage *stage, struct through *through,
+                        struct nacre_error *error)
+{
+    int status = NACRE_OK;
+    *through = (struct through){0};
+    for (size_t i = 0; status == NACRE_OK && i < stage->scene->object_count; i++) {
+        status = add_through(stage, i, through, error);
+    }
+    through->seconds *=
+        1 + (render_has(&stage->effects, RENDER_BOUNCES) ? stage->scene->bounces : 0);
+    return status;
 }
 
 /* The first light that is of the kind, or any that is soft; its line. */
@@ -240,6 +268,26 @@ static void tell_of_thin(const struct stage *stage, struct effect *effect, bool 
     }
 }
 
+static void tell_of_gather(const struct list *list, struct effect *effect)
+{
+    const struct through *through = &list->through;
+    double share = 100 / fmax(through->receivers, 1);
+    effect->seconds = through->seconds + list->samples * SAMPLE_S;
+    if (through->convolved > 0) {
+        tell(effect, true,
+             "convolution in the texture for %.3g %% of the vertices, where it lies level and that "
+             "is sooner; else samples in reach",
+             share * through->convolved);
+    } else if (through->receivers > 0) {
+        tell(effect, true,
+             "samples in reach, through F, H and the kernels; convolution in the texture %s (it "
+             "lies level for %.3g %% of the vertices)",
+             through->fits > 0 ? "would take longer" : "fits nowhere", share * through->fits);
+    } else {
+        tell(effect, true, "samples in reach, through F, H and the kernels");
+    }
+}
+
 static void tell_of_material(struct list *list, enum render_effect id, struct effect *effect)
 {
     const struct stage *stage = list->stage;
@@ -257,9 +305,9 @@ static void tell_of_material(struct list *list, enum render_effect id, struct ef
                     : "no plain object, and no kernel has a peak");
         break;
     case RENDER_SUBSURFACE:
-        effect->seconds = gather_seconds(list) + list->samples * SAMPLE_S;
-        tell(effect, called, "samples in reach, through F, H and the kernels");
-        if (!called) {
+        if (called) {
+            tell_of_gather(list, effect);
+        } else {
             tell_of_no_gather(stage, effect);
         }
         break;
@@ -317,6 +365,11 @@ int render_effects_list(const struct stage *stage, struct effect **effects, size
         return nacre_fail_memory(error, "the list of effects");
     }
     count(&list);
+    if (find_through(stage, &list.through, error) != NACRE_OK) {
+        free(*effects);
+        *effects = NULL;
+        return NACRE_FAILED;
+    }
     for (int i = 0; i < RENDER_EFFECTS; i++) {
         enum render_effect id = (enum render_effect)i;
         struct effect *effect = &list.effects[(*number)++];

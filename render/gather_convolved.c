@@ -8,30 +8,25 @@
 #include <stdlib.h>
 #include <string.h>
 
-enum { TRIES = 6, LEAST_SHARE = 16 };
+enum { TRIES = 6 };
 
-/* Convolving must promise this share less: it may be off too far, and then was in vain. */
-static const double margin = 0.8;
-
-/* A few vertices here and there are no reason to take two ways. */
 static bool worthwhile(const struct gather_convolved *convolved)
 {
-    return convolved->served.count * LEAST_SHARE > convolved->stock->receivers.count;
+    return convolve_worthwhile(convolved->served.count, convolved->stock->receivers.count);
 }
 
-/* Both ways together, as far as each goes. */
 static bool pays(struct gather_convolved *convolved, int fine)
 {
     const struct gather_stock *stock = convolved->stock;
     struct gather_cost cost = convolved->without;
-    double receivers = (double)stock->receivers.count;
-    double rest = 1 - (double)convolved->served.count / receivers;
-    double gather = rest > 0 ? fmin(rest * cost.plain, cost.summed) : 0;
-    double ns = convolve_cost_ns(&convolved->patches, stock->receivers.count,
-                                 stock->gather->mapping, stock->gather->appearance,
-                                 convolved->how.planes, fine, (double)stock->samples.count);
-    return worthwhile(convolved) && (stock->gather->way == GATHER_CONVOLVED ||
-                                     ns + gather < margin * fmin(cost.plain, cost.summed));
+    size_t served = convolved->served.count, count = stock->receivers.count;
+    double ns = convolve_cost_ns(&convolved->patches, count, stock->gather->mapping,
+                                 stock->gather->appearance, convolved->how.planes, fine,
+                                 (double)stock->samples.count);
+    double both = convolve_both_ns(served, count, ns, cost.plain, cost.summed);
+    return stock->gather->way == GATHER_CONVOLVED
+               ? worthwhile(convolved)
+               : convolve_pays(served, count, both, fmin(cost.plain, cost.summed));
 }
 
 static int run(struct gather_convolved *convolved, struct progress *progress,

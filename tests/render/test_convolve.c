@@ -1,7 +1,7 @@
 /* Light by convolution in the texture: on level surfaces the sum that the gather takes, on others never off by more than
  * was asked for, and left to the gather where the texture does not lie as space does. */
 #include "render/convolve.h"
-#include "render/convolve_cost.h"
+#include "render/convolve_ahead.h"
 #include "render/convolve_fft.h"
 #include "stand.h"
 
@@ -441,6 +441,40 @@ static void light_is_convolved_only_where_that_is_sooner(void)
     TEST_ASSERT_EQUAL_UINT64(0, stand_gather(&stand, 0.05).convolved);
 }
 
+/* As `--explain` tells it, from the surface alone. */
+static struct convolve_ahead look_ahead(double gather_ns)
+{
+    const struct gather_cost cost = {gather_ns, HUGE_VAL};
+    struct convolve_ahead ahead;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK,
+                          convolve_ahead(&ahead, &stand.mesh, &stand.mapping, &stand.appearance,
+                                         false, 0.002, 1000, cost, &error));
+    return ahead;
+}
+
+static void the_choice_can_be_told_ahead(void)
+{
+    make_material(9, 2, 3, 3);
+    make_stand(stand_grid(40, 30, point_mm), TILING_MIRROR, MAPPING_PLANAR);
+    struct convolve_ahead ahead = look_ahead(1e9);
+    TEST_ASSERT_TRUE(ahead.chosen && ahead.ns < 1e9);
+    TEST_ASSERT_EQUAL_DOUBLE(40 * 30, ahead.fits);
+    ahead = look_ahead(1e3); /* a microsecond */
+    TEST_ASSERT_TRUE(!ahead.chosen);
+    TEST_ASSERT_EQUAL_DOUBLE(1e3, ahead.ns);
+    TEST_ASSERT_EQUAL_DOUBLE(40 * 30, ahead.fits);
+    finish_stand();
+    make_stand(bent(40, 30, 5), TILING_MIRROR, MAPPING_UV);
+    TEST_ASSERT_TRUE(!look_ahead(1e9).chosen);
+    finish_stand();
+    nacre_material_finish(&material);
+    material = stand_even_material(30, 9, 1, 0.5); /* layout single */
+    make_stand(stand_grid(40, 30, point_mm), TILING_MIRROR, MAPPING_PLANAR);
+    ahead = look_ahead(1e9);
+    TEST_ASSERT_TRUE(!ahead.chosen);
+    TEST_ASSERT_EQUAL_DOUBLE(0, ahead.fits);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
@@ -458,6 +492,7 @@ int main(void)
     RUN_TEST(a_surface_over_itself_in_the_texture_is_gathered);
     RUN_TEST(light_that_is_not_finite_is_left_to_the_gather);
     RUN_TEST(no_light_makes_none);
+    RUN_TEST(the_choice_can_be_told_ahead);
     RUN_TEST(light_is_convolved_only_where_that_is_sooner);
     return UNITY_END();
 }
