@@ -403,6 +403,12 @@ int tradeoff_write_page(FILE *page, const struct tradeoff *t,
     if (status == NACRE_OK) {
         status = write_all(page, t, request, error);
     }
+    (void)fputs(
+        "<h2>Before and after factoring</h2>\n<p>What scanning costs is told by "
+        "<code>nacre plan</code> and <code>nacre scan --dry-run</code>, what a picture costs "
+        "by <code>nacre render --explain</code>; docs/accuracy.md has a table for each stage, "
+        "from the grids' spacing to light samples.</p>\n",
+        page);
     page_end(page);
     free(rows);
     return status;

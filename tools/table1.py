@@ -258,7 +258,7 @@ def scanned_table(results, scanned):
             if way.get('scan'):
                 seconds = way['scan']['processor_seconds'] + way.get('session', {}).get('processor_seconds', 0)
                 paper, ours = cells(way.get('paper')), cells(way.get('ours'))
-                lines.append(f'| {ROWS[name][0]} | {title} | {against_exact(way, "scan")} | {seconds:.0f} | {paper[3]} | '
+                lines.append(f'| {ROWS[name][0]} | {title} | {against_exact(way, "scan")} | {seconds:.0f} | {paper[3] or "not run"} | '
                              f'{against_exact(way, "paper")} | {paper[4]} | {ours[0]} | {ours[1]} | {ours[3]} | '
                              f'{against_exact(way, "ours")} | {ours[4]} |')
     return lines
@@ -298,7 +298,7 @@ def main():
     print(text, end='')
     if options.write:
         write(text)
-    done = [made for made in [*results.values(), *scanned.values()] if made.get('ours')]
+    done = [made for made in [*results.values(), *scanned.values()] if made.get('ours') and made.get('paper')]
     return 1 if any(not is_better(made) for made in done) else 0
 
 

@@ -444,6 +444,32 @@ static int count_lines(const char *text)
     return count;
 }
 
+/* Every option of the page's commands stands in an element of its own, unbroken, and nothing else does; without these the text is
+ * the command. */
+static void assert_commands_are_whole(const char *page)
+{
+    size_t commands = 0;
+    for (const char *cell = page; (cell = strstr(cell, "class=\"command\"")); commands++) {
+        const char *end = strstr(cell, "</code>");
+        cell = strstr(cell, "<code>nacre factor ");
+        TEST_ASSERT_TRUE(cell && end && cell < end);
+        size_t options = 0;
+        for (const char *option = cell; (option = strstr(option, " --")) && option < end;
+             option++) {
+            options++;
+        }
+        TEST_ASSERT_EQUAL_UINT(0, options); /* each is " <i>--" */
+        for (const char *option = cell; (option = strstr(option, " <i>-")) && option < end;
+             option++) {
+            const char *close = strpbrk(option + 1, " ");
+            TEST_ASSERT_TRUE(close && strncmp(close - 4, "</i>", 4) == 0);
+            options++;
+        }
+        TEST_ASSERT_TRUE(options >= 4);
+    }
+    TEST_ASSERT_TRUE(commands > 0);
+}
+
 static void the_files_say_the_same(void)
 {
     struct nacre_error error = {0};
@@ -474,6 +500,7 @@ static void the_files_say_the_same(void)
     TEST_ASSERT_NULL(strstr(page, "<tr><td>0.1 %</td>"));
     TEST_ASSERT_NOT_NULL(strstr(page, "&#39;a &quot;b&quot; &lt;c&gt;.exr&#39;"));
     TEST_ASSERT_NULL(strstr(page, "<script"));
+    assert_commands_are_whole(page);
     TEST_ASSERT_NULL(strstr(page, "http"));
     free(csv);
     free(json);
