@@ -3,7 +3,7 @@
 black frames, develops, factors and renders it, compares with the exact responses, and prints tables; --write puts them into
 docs/accuracy.md, and plots into docs/images/tradeoffs.svg.
 
-usage: tradeoffs.py NACRE LOOP_TABLE HDR_TABLE [--write] [--quick] [FOLDER]     (some ten minutes of one core; --quick: a
+usage: tradeoffs.py NACRE LOOP_TABLE HDR_TABLE [--write] [--quick] [FOLDER]     (a quarter of an hour of one core; --quick: a
 little of each, as a test; FOLDER keeps sessions and the study, which are not made again)
 
 `ninja -C build tradeoffs` does so. LOOP_TABLE is firmware/loop_table, HDR_TABLE tests/develop/hdr_table.
@@ -303,8 +303,8 @@ def rendering():
         if way in ways:
             points.append((seconds, 100 * math.sqrt(square / norm), None, way[1]))
     say()
-    say('`--tolerance` is the error that summing up far light by a hierarchy may make: 0.2 % where it is not given, 1e-9 sums up '
-        'nothing. How that goes on with larger samples is told in [rendering.md](rendering.md#what-accuracy-costs).')
+    say('`--tolerance` is the error that summing up far light by a hierarchy may make: 0.2 % where it is not given, and in what '
+        'all are compared with; 1e-9 sums up nothing. How that goes on with larger samples is told in [rendering.md](rendering.md#what-accuracy-costs).')
     return points
 
 
