@@ -157,13 +157,13 @@ struct search {
     struct found *found;
 };
 
+/* Does nothing once memory has run out. */
 static void add_run(struct found *found, uint32_t run)
 {
-    if (found->count == found->capacity) {
+    if (found->count == found->capacity && found->capacity > 0) {
         uint32_t *larger = realloc(found->runs, 2 * found->capacity * sizeof *larger);
-        found->capacity *= larger ? 2 : 0;
-        found->count = larger ? found->count : 0;
         found->runs = larger ? larger : found->runs;
+        found->capacity *= larger ? 2 : 0;
     }
     if (found->capacity > 0) {
         found->runs[found->count++] = run;
