@@ -29,15 +29,9 @@ static const struct option_spec error_options[] = {
                  "scan anew"},
     {0}};
 
-/* The same of a material with a kernel per term. */
-static int options_of_terms(const struct nacre_material *m, struct factor_options *options,
-                            struct nacre_error *error)
+/* The same of a material with a kernel per term. A gain is divided out before. */
+static void options_of_terms(const struct nacre_material *m, struct factor_options *options)
 {
-    if (m->gain) {
-        return nacre_fail(error,
-                          "--cross fits one of each reciprocal pair, and the material's gain "
-                          "is known by both; factor with --reciprocal yes to compare");
-    }
     options->model = FACTOR_MODEL_TERMS;
     options->weight =
         strstr(m->method, "weight kernel") ? FACTOR_WEIGHT_KERNEL : FACTOR_WEIGHT_RESPONSE;
@@ -46,11 +40,10 @@ static int options_of_terms(const struct nacre_material *m, struct factor_option
     options->iterations = m->iterations > 0 ? m->iterations : options->iterations;
     options->tolerance = 0;
     options->seed = m->seed;
-    options->reciprocity = m->h ? TERMS_ONE_WAY : TERMS_RECIPROCAL;
+    options->reciprocity = m->h && !m->gain ? TERMS_ONE_WAY : TERMS_RECIPROCAL;
     options->full_kernels = m->radii == 0;
     options->separate_planes = m->factor_channels > 1;
     options->bits = m->bits;
-    return NACRE_OK;
 }
 
 /* The options that a material was made with, as far as it tells: kernels are taken as average ones. */
@@ -59,7 +52,8 @@ static int options_of(const struct nacre_material *m, struct factor_options *opt
 {
     *options = factor_options_default();
     if (m->layout == NACRE_KERNEL_PER_TERM && strncmp(m->method, "terms", 5) == 0) {
-        return options_of_terms(m, options, error);
+        options_of_terms(m, options);
+        return NACRE_OK;
     }
     if (m->layout != NACRE_KERNEL_SINGLE || m->mixed != 1) {
         return nacre_fail(
@@ -100,8 +94,8 @@ static int cross(const struct nacre_scan *scan, const struct nacre_material *mat
                                 RESPONSES_FLOAT, progress, error);
     }
     if (status == NACRE_OK) {
-        status = cross_measure(&responses, nacre_scan_info(scan)->pitch_mm, &options, &opencl,
-                               progress, report, error);
+        status = cross_measure(&responses, material->gain, nacre_scan_info(scan)->pitch_mm,
+                               &options, &opencl, progress, report, error);
     }
     responses_finish(&responses);
     opencl_close(&opencl);

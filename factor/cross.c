@@ -52,7 +52,23 @@ static void halve_response(const struct responses *r, int x, int y, float *respo
     }
 }
 
-int cross_halve(const struct responses *r, struct responses *kept, struct nacre_error *error)
+/* Divide the gain at both ends, [height][width], out of a response. */
+static void level_response(const struct responses *r, const float *gain, int x, int y,
+                           float *response)
+{
+    int half = r->window / 2;
+    for (size_t i = 0; i < area_of(r) * (size_t)r->channels; i++) {
+        int at = (int)(i % area_of(r));
+        int xo = x + at % r->window - half, yo = y + at / r->window - half;
+        if (xo >= 0 && xo < r->width && yo >= 0 && yo < r->height) {
+            response[i] *= gain[yo * r->width + xo] / gain[y * r->width + x];
+        }
+    }
+}
+
+/* A copy as floats: with a gain, of the responses without it; else of those that are fitted. */
+static int copy_responses(const struct responses *r, const float *gain, struct responses *kept,
+                          struct nacre_error *error)
 {
     const struct nacre_scan_info info = {.width = r->width,
                                          .height = r->height,
@@ -77,7 +93,12 @@ int cross_halve(const struct responses *r, struct responses *kept, struct nacre_
     for (int y = 0; y < r->height; y++) {
         float *response = malloc(area_of(r) * (size_t)r->channels * sizeof *response);
         for (int x = 0; x < r->width && response; x++) {
-            halve_response(r, x, y, response);
+            if (gain) {
+                responses_read(r, x, y, response);
+                level_response(r, gain, x, y, response);
+            } else {
+                halve_response(r, x, y, response);
+            }
             responses_put(kept, x, y, response);
         }
         if (!response) {
@@ -92,6 +113,11 @@ int cross_halve(const struct responses *r, struct responses *kept, struct nacre_
     }
     responses_scale(kept);
     return NACRE_OK;
+}
+
+int cross_halve(const struct responses *r, struct responses *kept, struct nacre_error *error)
+{
+    return copy_responses(r, NULL, kept, error);
 }
 
 /* With R = S + n forth and R' = S + n' back, n and n' apart: (R' - M)^2 is on average (S - M)^2 + n^2, (R - R')^2 / 2 is
@@ -125,9 +151,9 @@ static void judge_point(const struct responses *r, int x, int y, const float *fa
 int cross_judge(const struct responses *r, const struct nacre_material *m,
                 struct cross_report *report, struct nacre_error *error)
 {
-    struct sums *rows = calloc((size_t)r->height, sizeof *rows), sum = {0};
+    struct sums *rows = calloc((size_t)r->height + 1, sizeof *rows), sum = {0};
     float *factored =
-        malloc((size_t)r->height * area_of(r) * (size_t)r->channels * sizeof *factored);
+        malloc(((size_t)r->height * area_of(r) * (size_t)r->channels + 1) * sizeof *factored);
     *report = (struct cross_report){0};
     if (!rows || !factored) {
         free(rows);
@@ -158,14 +184,15 @@ int cross_judge(const struct responses *r, const struct nacre_material *m,
     return NACRE_OK;
 }
 
-int cross_measure(const struct responses *r, double pitch_mm, const struct factor_options *options,
-                  const struct opencl *opencl, struct progress *progress,
-                  struct cross_report *report, struct nacre_error *error)
+/* Pairs are reciprocal. */
+static int measure_level(const struct responses *r, double pitch_mm,
+                         const struct factor_options *options, const struct opencl *opencl,
+                         struct progress *progress, struct cross_report *report,
+                         struct nacre_error *error)
 {
     struct responses kept;
     struct nacre_material material = {0};
     struct factor_summary summary = {0};
-    *report = (struct cross_report){0};
     int status = cross_halve(r, &kept, error);
     if (status != NACRE_OK) {
         return status;
@@ -178,5 +205,20 @@ int cross_measure(const struct responses *r, double pitch_mm, const struct facto
     factor_summary_finish(&summary);
     nacre_material_finish(&material);
     responses_finish(&kept);
+    return status;
+}
+
+int cross_measure(const struct responses *r, const float *gain, double pitch_mm,
+                  const struct factor_options *options, const struct opencl *opencl,
+                  struct progress *progress, struct cross_report *report, struct nacre_error *error)
+{
+    struct responses level = {0};
+    int status = gain ? copy_responses(r, gain, &level, error) : NACRE_OK;
+    *report = (struct cross_report){0};
+    if (status == NACRE_OK) {
+        status =
+            measure_level(gain ? &level : r, pitch_mm, options, opencl, progress, report, error);
+    }
+    responses_finish(&level);
     return status;
 }

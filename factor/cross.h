@@ -21,8 +21,9 @@ int cross_halve(const struct responses *responses, struct responses *kept,
 int cross_judge(const struct responses *responses, const struct nacre_material *material,
                 struct cross_report *report, struct nacre_error *error);
 
-/* All of it, with a material made by these options. */
-int cross_measure(const struct responses *responses, double pitch_mm,
+/* All of it, with a material made by these options. A gain at both ends, [height][width] or NULL, which a half of the pairs
+ * does not tell, is divided out before: noise is then told relative to responses without it. */
+int cross_measure(const struct responses *responses, const float *gain, double pitch_mm,
                   const struct factor_options *options, const struct opencl *opencl,
                   struct progress *progress, struct cross_report *report,
                   struct nacre_error *error);

@@ -100,10 +100,11 @@ static char *write_material(const char *name, enum nacre_layout layout, bool cen
     return path;
 }
 
-static double number_of(const char *path, const char *option, const char *group, const char *name)
+static double number_of(const char *measured, const char *path, const char *option,
+                        const char *group, const char *name)
 {
     json_error_t why;
-    char *text = RUN("error", scan, path, option, "--json");
+    char *text = RUN("error", measured, path, option, "--json");
     json_t *root = json_loads(text, 0, &why);
     TEST_ASSERT_NOT_NULL_MESSAGE(root, why.text);
     const json_t *number = json_object_get(json_object_get(root, group), name);
@@ -116,7 +117,7 @@ static double number_of(const char *path, const char *option, const char *group,
 
 static double mean_of(const char *path, const char *group)
 {
-    return number_of(path, "--quiet", group, "mean");
+    return number_of(scan, path, "--quiet", group, "mean");
 }
 
 /* The scan's half floats are off by at most 2^-11 = 4.9e-4 of each entry, the material's floats by nothing beside that. */
@@ -229,14 +230,14 @@ static void one_term_is_found_on_the_scan(void)
     TEST_ASSERT_EQUAL_INT(8, m.bits);
     TEST_ASSERT_DOUBLE_WITHIN(0.017, 0, mean_of(path, "error"));
     TEST_ASSERT_DOUBLE_WITHIN(0.017, 0, mean_of(path, "error_without_centre"));
-    TEST_ASSERT_DOUBLE_WITHIN(0.017, 0, number_of(path, "--cross", "cross", "error"));
+    TEST_ASSERT_DOUBLE_WITHIN(0.017, 0, number_of(scan, path, "--cross", "cross", "error"));
     nacre_material_finish(&m);
     free(path);
 }
 
 /* A gain of exp(0.4) over the sample makes points 3 apart differ by 6 % forth and back: it is found, and what is left is what
- * one term leaves without it, and what cosines leave of a straight line, 2 % of its rise at either end. --cross cannot judge
- * it by the other of each pair, as both told the gain. */
+ * one term leaves without it, and what cosines leave of a straight line, 2 % of its rise at either end. With the gain divided
+ * out --cross judges as it does the scan without: by what one term leaves, and what is left of the gain. */
 static void a_scan_with_gains_is_factored(void)
 {
     char *gained = path_join(folder, "gained-scan.exr"), *path = path_join(folder, "gained.exr");
@@ -247,11 +248,7 @@ static void a_scan_with_gains_is_factored(void)
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, nacre_material_read(path, &m, &error), error.text);
     TEST_ASSERT_NOT_NULL(m.gain);
     TEST_ASSERT_TRUE(m.error_mean < 0.017 + 2 * 0.02 * 0.4);
-    struct spawned run =
-        spawn((const char *const[]){nacre, "error", gained, path, "--cross", NULL}, NULL);
-    TEST_ASSERT_EQUAL_INT(1, run.status);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(run.errors, "gain"), run.errors);
-    spawned_finish(&run);
+    TEST_ASSERT_TRUE(number_of(gained, path, "--cross", "cross", "error") < 0.017 + 2 * 0.02 * 0.4);
     nacre_material_finish(&m);
     free(gained);
     free(path);

@@ -136,7 +136,7 @@ static void a_dark_scan_has_no_pairs(void)
     sample_scale(&sample, 0);
     struct responses whole = sample_load(&sample, layout_lanes(&opencl));
     TEST_ASSERT_EQUAL_INT(NACRE_OK,
-                          cross_measure(&whole, 1, &options, &opencl, NULL, &report, &error));
+                          cross_measure(&whole, NULL, 1, &options, &opencl, NULL, &report, &error));
     TEST_ASSERT_EQUAL_INT(0, report.pairs);
     responses_finish(&whole);
     sample_finish(&sample);
