@@ -135,7 +135,7 @@ static const char *const text_of_terms[] = {
     "- **kernels**: how far they are from the best for their planes, by sums in double precision: "
     "the objective's change with a",
     "  kernel's size, over the root of its energy and the responses', at the last step: at most "
-    "1e-4.",
+    "1e-5.",
     "- **energy**: the objective over that of no model.",
     "- **error**: the mean relative error of the material as read back from its file, planes of 8 "
     "bits / as half floats.",
