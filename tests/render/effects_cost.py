@@ -68,7 +68,10 @@ def names():
     with open(os.path.join(SOURCES, 'render/effects.h'), encoding='utf-8') as file:
         enum = re.search(r'enum render_effect \{(.*?)\}', file.read(), re.S).group(1)
     with open(os.path.join(SOURCES, 'render/effects.c'), encoding='utf-8') as file:
-        table = re.search(r'render_effect_names\[RENDER_EFFECTS\] = \{(.*?)\};', file.read(), re.S).group(1)
+        text = file.read()
+    table = re.search(r'render_effect_names\[RENDER_EFFECTS\] = \{(.*?)\};', text, re.S).group(1)
+    for name, parts in re.findall(r'#define (\w+)((?:[^\n]*\\\n)*[^\n]*)', text):
+        table = re.sub(rf'\b{name}\b', lambda _, parts=parts: parts, table)
     ids = [i.strip() for i in enum.split(',') if i.strip() and i.strip() != 'RENDER_EFFECTS']
     texts = re.findall(r'"([^"]+)"', table)
     assert len(ids) == len(texts), (ids, texts)
