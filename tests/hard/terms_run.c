@@ -148,6 +148,7 @@ struct hard_terms_figures hard_terms_run(const struct hard_case *hard, const str
     struct stage s;
     double before = INFINITY;
     open_stage(&s, hard, opencl, start, terms > 0 ? terms : hard->terms);
+    TEST_ASSERT_NOT_NULL(s.method);
     figures.reach = s.data.reach;
     start_as(&s, start);
     for (int i = 0; i < (steps > 0 ? steps : 40); i++) {
