@@ -3,6 +3,7 @@
 
 #include "base/opencl.h"
 #include "render/osmesa.h"
+#include "render/preview_mesh.h"
 #include "render/view.h"
 
 #include <stdio.h>
@@ -25,7 +26,7 @@ struct shade {
 };
 
 struct surface {
-    GLuint array, index_count;
+    struct preview_mesh mesh;
     bool translucent;
     double specular, index; /* 0 and 1 where the effect is not called for */
     const struct scene_object *settings;
@@ -112,25 +113,6 @@ static int link_program(const struct osmesa *gl, const char *begin,
     return status;
 }
 
-/* One attribute of three floats a vertex; NULL: zeros. */
-static int upload_attribute(const struct osmesa *gl, GLuint location, const float (*values)[3],
-                            size_t count, struct nacre_error *error)
-{
-    GLuint buffer;
-    float(*zeros)[3] = values ? NULL : calloc(count, sizeof *zeros);
-    if (!values && !zeros) {
-        return nacre_fail_memory(error, "a preview");
-    }
-    gl->GenBuffers(1, &buffer);
-    gl->BindBuffer(GL_ARRAY_BUFFER, buffer);
-    gl->BufferData(GL_ARRAY_BUFFER, (GLsizeiptr)(count * sizeof *values),
-                   values ? (const void *)values : zeros, GL_STATIC_DRAW);
-    gl->EnableVertexAttribArray(location);
-    gl->VertexAttribPointer(location, 3, GL_FLOAT, GL_FALSE, 0, NULL);
-    free(zeros);
-    return NACRE_OK;
-}
-
 static int upload_surface(struct preview *preview, const struct stage *stage, size_t number,
                           struct nacre_error *error)
 {
@@ -142,31 +124,16 @@ static int upload_surface(struct preview *preview, const struct stage *stage, si
     bool shines = effects->highlights && render_has(&stage->effects, RENDER_HIGHLIGHTS);
     bool bounded = effects->fresnel && render_has(&stage->effects, RENDER_FRESNEL);
     struct surface *surface = &preview->surfaces[preview->surface_count++];
-    GLuint indices;
-    *surface = (struct surface){.index_count = (GLuint)(3 * mesh->triangle_count),
-                                .translucent = object->translucent,
+    *surface = (struct surface){.translucent = object->translucent,
                                 .specular = shines ? settings->gloss.specular : 0,
                                 .index = bounded ? settings->index : 1,
                                 .settings = settings};
-    gl->GenVertexArrays(1, &surface->array);
-    gl->BindVertexArray(surface->array);
-    if (upload_attribute(gl, 0, (const float(*)[3])mesh->positions, mesh->vertex_count, error) !=
-            NACRE_OK ||
-        upload_attribute(gl, 1, (const float(*)[3])mesh->normals, mesh->vertex_count, error) !=
-            NACRE_OK ||
-        upload_attribute(gl, 2, (const float(*)[3])object->light, mesh->vertex_count, error) !=
-            NACRE_OK) {
-        return NACRE_FAILED;
-    }
-    gl->GenBuffers(1, &indices);
-    gl->BindBuffer(GL_ELEMENT_ARRAY_BUFFER, indices);
-    gl->BufferData(GL_ELEMENT_ARRAY_BUFFER,
-                   (GLsizeiptr)(mesh->triangle_count * sizeof *mesh->triangles), mesh->triangles,
-                   GL_STATIC_DRAW);
-    return check_gl(preview, "taking a mesh", error);
+    int status =
+        preview_mesh_make(&surface->mesh, gl, mesh, (const float(*)[3])object->light, error);
+    return status == NACRE_OK ? check_gl(preview, "taking a mesh", error) : status;
 }
 
-static void draw_surfaces(const struct preview *preview, bool shaded)
+static void draw_surfaces(const struct preview *preview, const struct view *view, bool shaded)
 {
     const struct osmesa *gl = &preview->gl;
     for (size_t i = 0; i < preview->surface_count; i++) {
@@ -182,8 +149,7 @@ static void draw_surfaces(const struct preview *preview, bool shaded)
             gl->Uniform1f(gl->GetUniformLocation(program, "roughness"),
                           (float)settings->gloss.roughness);
         }
-        gl->BindVertexArray(surface->array);
-        gl->DrawElements(GL_TRIANGLES, (GLsizei)surface->index_count, GL_UNSIGNED_INT, NULL);
+        preview_mesh_draw(&surface->mesh, gl, view);
     }
 }
 
@@ -350,7 +316,7 @@ static int draw_maps(struct preview *preview, struct nacre_error *error)
                                             preview->layers[i][face]);
                 gl->Clear(GL_DEPTH_BUFFER_BIT);
                 set_projection(preview, preview->depth_program, &view);
-                draw_surfaces(preview, false);
+                draw_surfaces(preview, &view, false);
             }
         }
     }
@@ -575,6 +541,9 @@ void preview_close(struct preview *preview)
 {
     if (preview) {
         osmesa_close(&preview->gl);
+        for (size_t i = 0; i < preview->surface_count; i++) {
+            preview_mesh_finish(&preview->surfaces[i].mesh);
+        }
         free(preview->surfaces);
         free(preview->shades);
         free(preview->pixels);
@@ -639,7 +608,7 @@ int preview_draw(struct preview *preview, double turn_deg, struct picture *pictu
                       (float)view.position.y, (float)view.position.z);
         set_projection(preview, program, &view);
     }
-    draw_surfaces(preview, true);
+    draw_surfaces(preview, &view, true);
     gl->ReadPixels(0, 0, width, height, GL_RGBA, GL_FLOAT, preview->pixels);
     if (check_gl(preview, "drawing", error) != NACRE_OK) {
         picture_finish(picture);
