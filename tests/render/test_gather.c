@@ -221,8 +221,8 @@ static void a_light_spot_between_surface_points_keeps_its_energy(void)
 }
 
 /* Bake a stand's mesh under lights, alone in the world. */
-static void bake_alone(struct stand *surface, const struct light *lights, size_t light_count,
-                       int mode, const struct bake_settings *settings)
+static int try_to_bake_alone(struct stand *surface, const struct light *lights, size_t light_count,
+                             int mode, const struct bake_settings *settings)
 {
     const struct mesh *meshes[1] = {&surface->mesh};
     const bool albedo = mode == MODE_ALBEDO;
@@ -239,12 +239,17 @@ static void bake_alone(struct stand *surface, const struct light *lights, size_t
                                       .shadows = true,
                                       .rays = settings->rays,
                                       .seed = settings->seed};
-    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK,
-                                  bake_object(&lit, &surface->appearance, &effects, &lighting,
-                                              stand_opencl(), settings, surface->radiosity, &counts,
-                                              &error),
-                                  error.text);
+    int status = bake_object(&lit, &surface->appearance, &effects, &lighting, stand_opencl(),
+                             settings, surface->radiosity, &counts, &error);
     world_free(world);
+    return status;
+}
+
+static void bake_alone(struct stand *surface, const struct light *lights, size_t light_count,
+                       int mode, const struct bake_settings *settings)
+{
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, try_to_bake_alone(surface, lights, light_count, mode, settings), error.text);
 }
 
 static struct light light_of(struct scene_light settings)
@@ -600,6 +605,26 @@ static void a_dark_surface_stays_dark(void)
     }
 }
 
+/* Light that overflows is told, and not drawn as black: the clamp to 0 of rounding would make that of it. */
+static void light_that_is_not_finite_is_refused(void)
+{
+    const struct bake_settings settings = {.density = 2, .rays = 1, .seed = 1, .quiet = true};
+    material = stand_even_material(16, 5, 1, 0.6);
+    stand = stand_make(&material, stand_grid(16, 16, material.pitch_mm), &planar);
+    struct light light = light_of((struct scene_light){
+        .kind = LIGHT_POINT, .position_mm = {5, -5, 10}, .irradiance = {1, 1, 1}});
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, try_to_bake_alone(&stand, &light, 1, MODE_ALBEDO, &settings));
+    light.intensity[1] = NAN;
+    for (int k = 0; k < 2; k++) {
+        error.text[0] = '\0';
+        TEST_ASSERT_EQUAL_INT(
+            NACRE_FAILED,
+            try_to_bake_alone(&stand, &light, 1, k ? MODE_FULL : MODE_ALBEDO, &settings));
+        TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "not finite"), error.text);
+    }
+    light_finish(&light);
+}
+
 static void a_material_that_is_not_finite_is_refused(void)
 {
     struct appearance appearance;
@@ -626,6 +651,7 @@ int main(void)
     RUN_TEST(photons_and_spread_samples_agree);
     RUN_TEST(light_does_not_pass_to_the_other_side_where_it_must_not);
     RUN_TEST(a_dark_surface_stays_dark);
+    RUN_TEST(light_that_is_not_finite_is_refused);
     RUN_TEST(a_material_that_is_not_finite_is_refused);
     return UNITY_END();
 }

@@ -267,6 +267,33 @@ static void triangles_that_share_texels_are_counted(void)
     TEST_ASSERT_TRUE(counts.overlapped <= counts.covered);
 }
 
+/* A square on which radiance grows with the texture coordinates: each texel has what its middle has, to float's rounding;
+ * half a texel off would be 1/16. */
+static void texels_hold_what_their_middles_have(void)
+{
+    enum { WIDTH = 8 };
+    static const uint32_t triangles[2][3] = {{0, 1, 3}, {0, 3, 2}};
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, mesh_allocate(&radiance.mesh, 4, 2, true, &error));
+    memcpy(radiance.mesh.triangles, triangles, sizeof triangles);
+    radiance.aspect = 1;
+    radiance.rgb = calloc(4, sizeof *radiance.rgb);
+    TEST_ASSERT_NOT_NULL(radiance.rgb);
+    for (int i = 0; i < 4; i++) {
+        for (int k = 0; k < 2; k++) {
+            radiance.mesh.uv[i][k] = radiance.rgb[i][k] = (float)(i >> k & 1);
+        }
+    }
+    TEST_ASSERT_EQUAL_INT(NACRE_OK,
+                          radiance_draw_texels(&radiance, WIDTH, 0, &picture, &counts, &error));
+    TEST_ASSERT_EQUAL_INT(WIDTH, picture.height);
+    for (int i = 0; i < WIDTH * WIDTH; i++) {
+        const float *texel = picture.rgb + 3 * (size_t)i;
+        TEST_ASSERT_DOUBLE_WITHIN(1e-6, (i % WIDTH + 0.5) / WIDTH, texel[0]);
+        /* NOLINTNEXTLINE(bugprone-integer-division): the row */
+        TEST_ASSERT_DOUBLE_WITHIN(1e-6, 1 - (i / WIDTH + 0.5) / WIDTH, texel[1]);
+    }
+}
+
 static void texture_coordinates_that_make_no_picture_are_refused(void)
 {
     make_two_charts();
@@ -366,6 +393,7 @@ int main(void)
     RUN_TEST(lookups_near_borders_of_charts_show_no_seam);
     RUN_TEST(without_padding_the_same_lookups_show_seams);
     RUN_TEST(triangles_that_share_texels_are_counted);
+    RUN_TEST(texels_hold_what_their_middles_have);
     RUN_TEST(texture_coordinates_that_make_no_picture_are_refused);
     RUN_TEST(an_exr_holds_the_radiance_of_the_surface_under_each_texel);
     return UNITY_END();
