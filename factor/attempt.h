@@ -28,6 +28,8 @@ struct attempt {
     double goal;            /* of the probe: where the error asked for is worth verifying */
     int verified;           /* times */
     double error_stored;    /* of all points as stored, when verified last */
+    double
+        noise; /* with a kernel per term: of the objective, what fitting noise would lower it by; 0: not known */
     bool held;              /* the error that was asked for */
     double seconds;         /* all of it; while it is open, to be added to the clock's */
     double opening_seconds; /* clusters, kernels and method */

@@ -182,7 +182,8 @@ static void explain_stops(const struct conductor *c)
         tell(to, "stops", "when five iterations lower the objective by less than %.3g %%%s",
              500 * o->tolerance,
              o->model == FACTOR_MODEL_TERMS && !conductor_wants_error(c)
-                 ? ", and the later half of all by less than three times that"
+                 ? ", and the later half of all by less than three times that or what is left is "
+                   "noise"
                  : "");
     }
     if (o->iterations > 0) {

@@ -1,5 +1,6 @@
 /* Iterating one attempt: stepping, watching, and the criteria that end it. */
 #include "factor/conductor.h"
+#include "factor/terms_noise.h"
 
 #include <limits.h>
 #include <math.h>
@@ -65,6 +66,20 @@ static bool is_out_of_valleys(const struct attempt *a, double share)
     return (double)a->history.objective[last] >= (1 - share) * (double)a->history.objective[middle];
 }
 
+/* Whether what is still to be gained is no more than fitting noise would gain, taking it that what doubling the iterations
+ * brings goes on falling by the ratio of the last two doublings. */
+static bool is_left_to_noise(const struct attempt *a)
+{
+    int last = a->known - 1, count = last - a->inherited;
+    const float *objective = a->history.objective + a->inherited;
+    if (count < 4) {
+        return false;
+    }
+    double before = (double)objective[count / 4] - (double)objective[count / 2];
+    double later = (double)objective[count / 2] - (double)objective[count];
+    return later < before && later * later / (before - later) <= a->noise;
+}
+
 static bool has_next(const struct conductor *c, enum ending ending, int *terms, int *clusters)
 {
     struct search search;
@@ -104,6 +119,12 @@ static bool time_is_up(const struct conductor *c)
            conductor_seconds(c) + next + a->closing_seconds > c->options->seconds;
 }
 
+/* Slow valleys are waited for. */
+static bool is_patient(const struct conductor *c)
+{
+    return c->options->model == FACTOR_MODEL_TERMS && !conductor_wants_error(c);
+}
+
 static enum ending find_ending(const struct conductor *c)
 {
     const struct attempt *a = &c->now;
@@ -123,8 +144,8 @@ static enum ending find_ending(const struct conductor *c)
     if (time_is_up(c)) {
         return ENDING_TIME;
     }
-    bool patient = c->options->model == FACTOR_MODEL_TERMS && !conductor_wants_error(c);
-    if (has_settled(a, tolerance) && (!patient || is_out_of_valleys(a, VALLEY * tolerance))) {
+    if (has_settled(a, tolerance) &&
+        (!is_patient(c) || is_out_of_valleys(a, VALLEY * tolerance) || is_left_to_noise(a))) {
         return ENDING_TOLERANCE;
     }
     if (conductor_wants_error(c)) {
@@ -252,6 +273,10 @@ static int step(struct conductor *c, struct nacre_error *error)
     }
     if (status == NACRE_OK && probe_is_due(c)) {
         status = conductor_probe(c, error);
+    }
+    if (status == NACRE_OK && is_patient(c) && has_settled(a, c->options->tolerance)) {
+        status = factors_read(&a->factors, a->method, error);
+        a->noise = status == NACRE_OK ? terms_noise_gain(c->data, &a->factors) : 0;
     }
     return status;
 }

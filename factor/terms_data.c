@@ -166,26 +166,21 @@ out:
     return status;
 }
 
-/* The two measurements of one number, the gain divided out, in the responses' scaled unit; NaN where not measured. */
-struct pair {
-    double forth, back;
-    double weight_forth, weight_back;
-};
-
-static struct pair pair_at(const struct terms_data *d, int channel, int x, int y, int u, int v)
+struct terms_pair terms_data_pair(const struct terms_data *d, int channel, int x, int y, int u,
+                                  int v)
 {
     const struct responses *r = d->responses;
     int half = r->window / 2, end = r->window - 1, xo = x + u - half, yo = y + v - half;
     size_t here = (size_t)y * (size_t)r->width + (size_t)x;
     size_t there = (size_t)yo * (size_t)r->width + (size_t)xo;
     double gain = d->gain ? (double)d->gain[there] / (double)d->gain[here] : 1;
-    return (struct pair){gain * (double)responses_value(r, channel, x, y, u, v),
-                         (double)responses_value(r, channel, xo, yo, end - u, end - v) / gain,
-                         (double)d->weights[here], (double)d->weights[there]};
+    return (struct terms_pair){gain * (double)responses_value(r, channel, x, y, u, v),
+                               (double)responses_value(r, channel, xo, yo, end - u, end - v) / gain,
+                               (double)d->weights[here], (double)d->weights[there]};
 }
 
 /* What is fitted in the place of one entry. */
-static double merge(const struct terms_data *d, struct pair p, bool transposed)
+static double merge(const struct terms_data *d, struct terms_pair p, bool transposed)
 {
     if (d->options.reciprocity == TERMS_ONE_WAY) {
         return transposed ? p.back : p.forth;
@@ -198,7 +193,7 @@ static double merge(const struct terms_data *d, struct pair p, bool transposed)
 }
 
 /* What the objective keeps however good the model is. */
-static double miss_of(const struct terms_data *d, struct pair p)
+static double miss_of(const struct terms_data *d, struct terms_pair p)
 {
     double weight = p.weight_forth + p.weight_back;
     if (d->options.reciprocity == TERMS_ONE_WAY || isnan(p.forth) || isnan(p.back) ||
@@ -221,7 +216,7 @@ static void merge_response(const struct terms_data *d, int x, int y, bool transp
         if (xo < 0 || xo >= r->width || yo < 0 || yo >= r->height || (u == half && v == half)) {
             continue;
         }
-        struct pair p = pair_at(d, c, x, y, u, v);
+        struct terms_pair p = terms_data_pair(d, c, x, y, u, v);
         response[i] = (float)merge(d, p, transposed);
         constants[c] += (double)d->scales[c][at] * miss_of(d, p) / 4; /* each pair is met twice */
     }

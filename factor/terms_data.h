@@ -64,6 +64,16 @@ static inline int terms_data_sets(const struct terms_data *data)
     return data->options.separate ? data->responses->channels : 1;
 }
 
+/* The two measurements of one number, the gain divided out, in the responses' scaled unit; NaN where not measured. */
+struct terms_pair {
+    double forth, back;
+    double weight_forth, weight_back;
+};
+
+/* Of entry (u, v) of (x, y), which lies inside the sample. */
+struct terms_pair terms_data_pair(const struct terms_data *data, int channel, int x, int y, int u,
+                                  int v);
+
 /* A kernel[K][K] of its numbers. */
 void terms_grid_spread(const struct terms_grid *grid, const float *numbers, float *kernel);
 

@@ -92,7 +92,7 @@ static void add_paper(const struct bench *b, const struct sample *s, int terms, 
     nacre_material_finish(&kept);
 }
 
-/* By libfactor, as `nacre factor --model terms` stores it. */
+/* By libfactor, as `nacre factor --model terms` stores it; judged as `nacre error --cross` does, after as many iterations. */
 static void add_terms(const struct bench *b, const struct sample *s, int terms,
                       struct results *results)
 {
@@ -102,6 +102,8 @@ static void add_terms(const struct bench *b, const struct sample *s, int terms,
     options.terms = terms;
     struct nacre_material full = fitted_material(b, s, false, &options), kept = {0};
     if (!s->exact) {
+        options.iterations = full.iterations;
+        options.tolerance = 0;
         kept = fitted_material(b, s, true, &options);
     }
     struct fitted fitted = fitted_tell(s, &full, s->exact ? NULL : &kept, 0);
