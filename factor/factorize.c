@@ -5,6 +5,7 @@
 #include "factor/layout.h"
 #include "factor/random.h"
 #include "factor/terms.h"
+#include "factor/terms_material.h"
 
 #include <limits.h>
 #include <math.h>
@@ -330,6 +331,20 @@ static int begin(struct conductor *c, struct nacre_error *error)
     return status;
 }
 
+/* Say what rounding does to the planes, which nothing else uses afterwards. */
+static int warn_of_rounding(struct conductor *c, struct nacre_material *m,
+                            struct nacre_error *error)
+{
+    struct attempt *a = &c->best;
+    if (!a->problem.data || m->bits == 0) {
+        return NACRE_OK;
+    }
+    double fitted = probe_measure(&c->probe, &a->problem, &a->factors);
+    terms_material_round(&a->problem, m->bits, &a->factors);
+    return quality_warn_planes(m->bits, fitted, probe_measure(&c->probe, &a->problem, &a->factors),
+                               m, error);
+}
+
 /* The best attempt as a material, with its history. */
 static int complete(struct conductor *c, struct nacre_material *m, struct factor_summary *summary,
                     struct nacre_error *error)
@@ -349,6 +364,9 @@ static int complete(struct conductor *c, struct nacre_material *m, struct factor
     }
     if (status == NACRE_OK) {
         status = quality_warn(&c->prepared->quality, c->options->error, m, error);
+    }
+    if (status == NACRE_OK) {
+        status = warn_of_rounding(c, m, error);
     }
     if (status != NACRE_OK) {
         return status;

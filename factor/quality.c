@@ -16,6 +16,7 @@
 #define MOST_OFFSET      0.25
 #define MOST_RIM         0.02
 #define MOST_RECIPROCITY 0.05
+#define MOST_ROUNDING    0.01
 
 static bool is_inside(const struct responses *r, int x, int y)
 {
@@ -390,4 +391,14 @@ int quality_warn(const struct quality *q, double wanted, struct nacre_material *
                       100 * wanted, 100 * q->floor);
     }
     return status;
+}
+
+int quality_warn_planes(int bits, double fitted, double rounded, struct nacre_material *m,
+                        struct nacre_error *error)
+{
+    return warn(
+        rounded - fitted > MOST_ROUNDING, m, error,
+        "planes of %d bits raise the mean error from %.2g %% to %.2g %%: dark points beside "
+        "bright ones want finer ones; use --bits 10 or --bits 0",
+        bits, 100 * fitted, 100 * rounded);
 }

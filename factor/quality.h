@@ -30,4 +30,8 @@ int quality_measure(const struct responses *responses, struct quality *quality,
 int quality_warn(const struct quality *quality, double wanted, struct nacre_material *material,
                  struct nacre_error *error);
 
+/* Likewise where planes of so many bits make the mean error much larger than it is of those that were fitted. */
+int quality_warn_planes(int bits, double fitted, double rounded, struct nacre_material *material,
+                        struct nacre_error *error);
+
 #endif

@@ -60,6 +60,21 @@ static double quantise_roots(float *plane, size_t count, int bits)
     return ldexp(largest, PLANE_EXPONENT);
 }
 
+void terms_material_round(const struct problem *p, int bits, struct factors *f)
+{
+    size_t points = (size_t)f->width * (size_t)f->height;
+    for (int set = 0; set < terms_data_sets(p->data); set++) {
+        float *sides[] = {f->f[set], f->h[set]};
+        for (int i = 0; i < 2 * f->terms; i++) {
+            float *plane = sides[i % 2] ? sides[i % 2] + (size_t)(i / 2) * points : NULL;
+            double scale = plane ? quantise_roots(plane, points, bits) : 0;
+            for (size_t j = 0; plane && j < points; j++) {
+                plane[j] = (float)(scale * (double)plane[j]);
+            }
+        }
+    }
+}
+
 /* Values of all channels above 0, which are as the file has them, to evenly spaced logarithms; 0 and NaN stay. */
 static void quantise_logarithms(float *plane, size_t count, int bits)
 {

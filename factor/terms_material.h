@@ -14,4 +14,7 @@ int terms_material_allocate(int seed, double pitch_mm, const struct problem *pro
 int terms_material_fill(const struct problem *problem, const struct factors *factors,
                         struct nacre_material *material, struct nacre_error *error);
 
+/* Planes in place by those that the file will hold. */
+void terms_material_round(const struct problem *problem, int bits, struct factors *factors);
+
 #endif

@@ -135,6 +135,46 @@ static void steps_on_the_middle_of_the_window_stay_stable(void)
     TEST_ASSERT_TRUE(f.objective < whole.objective);
 }
 
+/* The right half takes in and lets out a hundred-thousandth of what the left half does. */
+static void darken_half(struct sample *s)
+{
+    int half = s->window / 2, area = s->window * s->window;
+    for (int point = 0; point < s->width * s->height; point++) {
+        int x = point % s->width;
+        float *response = sample_at(s, x, point / s->width);
+        for (int i = 0; i < area * s->channels; i++) {
+            int ends = (x >= s->width / 2) + (x + i % s->window - half >= s->width / 2);
+            response[i] *= ends == 0 ? 1.0F : ends == 1 ? 1e-5F : 1e-10F;
+        }
+    }
+}
+
+/* Whether a material of so many bits is said to want finer ones. */
+static bool is_warned(void (*change)(struct sample *), int bits)
+{
+    struct hard_case hard = *case_of("ordinary");
+    struct factor_summary summary = {0};
+    struct nacre_material m = {0};
+    bool found = false;
+    hard.change = change;
+    hard_terms_material(&hard, bits, &opencl, &m, &summary);
+    for (size_t i = 0; i < m.warning_count; i++) {
+        found = found || strstr(m.warnings[i], "raise the mean error");
+    }
+    factor_summary_finish(&summary);
+    nacre_material_finish(&m);
+    return found;
+}
+
+/* Of planes that span 1e5 to 1, eight bits in square root, 65025 to 1, hold one level where it is dark, half as much again
+ * as is wanted: its light off the centre, a square, is off by more than itself. What spans little is as good with eight. */
+static void a_range_beyond_the_bits_of_planes_is_told(void)
+{
+    TEST_ASSERT_TRUE(is_warned(darken_half, 8));
+    TEST_ASSERT_FALSE(is_warned(darken_half, 0));
+    TEST_ASSERT_FALSE(is_warned(NULL, 8));
+}
+
 int main(void)
 {
     struct nacre_error error = {0};
@@ -148,6 +188,7 @@ int main(void)
     RUN_TEST(identical_terms_part);
     RUN_TEST(more_terms_than_points_do_no_harm);
     RUN_TEST(steps_on_the_middle_of_the_window_stay_stable);
+    RUN_TEST(a_range_beyond_the_bits_of_planes_is_told);
     opencl_close(&opencl);
     return UNITY_END();
 }
