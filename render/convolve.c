@@ -86,7 +86,7 @@ static void place_samples(const struct run *run)
     for (size_t i = 0; i < c->samples->count; i++) {
         const struct source *s = &c->samples->list[i];
         run->of_sample[i] = convolve_patch_at(c->patches, c->receivers->list, s->chart, s->x, s->y,
-                                              s->position, c->mapping->point_mm);
+                                              s->position, s->normal, c->mapping->point_mm);
     }
 }
 

@@ -9,27 +9,39 @@
  * place, whatever the planes. */
 static const double point_ns = 12, node_ns = 0.5, read_ns = 7, place_ns = 500;
 
-double convolve_cost_ns(struct convolve_patches *patches, size_t receivers,
+void convolve_leave_out(struct convolve_patches *patches, size_t receivers,
+                        const struct mapping *mapping, const struct appearance *appearance,
+                        int fine)
+{
+    const struct convolve_planes planes = {1, 1}; /* whether there is a way does not hang on them */
+    for (size_t i = 0; i < patches->count; i++) {
+        struct convolve_patch *patch = &patches->list[i];
+        struct convolve_plan plan;
+        convolve_plan(&plan, patch, mapping, appearance, planes, fine);
+        patch->receivers = isfinite(plan.points) ? patch->receivers : 0;
+    }
+    for (size_t i = 0; i < receivers; i++) {
+        if (patches->of[i] >= 0 && patches->list[patches->of[i]].receivers == 0) {
+            patches->of[i] = -1;
+            patches->misfit[i] = HUGE_VALF;
+        }
+    }
+}
+
+double convolve_cost_ns(const struct convolve_patches *patches, size_t receivers,
                         const struct mapping *mapping, const struct appearance *appearance,
                         struct convolve_planes planes, int fine, double samples)
 {
     double ns =
         ((double)receivers + samples) * place_ns + samples * 4 * fine * fine * planes.in * node_ns;
     for (size_t i = 0; i < patches->count; i++) {
-        struct convolve_patch *patch = &patches->list[i];
+        const struct convolve_patch *patch = &patches->list[i];
         struct convolve_plan plan;
-        convolve_plan(&plan, patch, mapping, appearance, planes, fine);
-        if (patch->receivers == 0 || !isfinite(plan.points)) {
-            patch->receivers = 0;
-            continue;
-        }
-        double kernels = (double)plan.x.size * plan.y.size * planes.out;
-        ns += (plan.points + kernels) * point_ns + (double)patch->receivers * planes.out * read_ns;
-    }
-    for (size_t i = 0; i < receivers; i++) {
-        if (patches->of[i] >= 0 && patches->list[patches->of[i]].receivers == 0) {
-            patches->of[i] = -1;
-            patches->misfit[i] = HUGE_VALF;
+        if (patch->receivers > 0) {
+            convolve_plan(&plan, patch, mapping, appearance, planes, fine);
+            double kernels = (double)plan.x.size * plan.y.size * planes.out;
+            ns += (plan.points + kernels) * point_ns +
+                  (double)patch->receivers * planes.out * read_ns;
         }
     }
     return ns;

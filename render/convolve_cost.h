@@ -5,8 +5,14 @@
 #include "render/convolve_patches.h"
 #include "render/convolve_plan.h"
 
-/* Estimated nanoseconds of one processor for all patches; patches that cannot be cut are taken out. */
-double convolve_cost_ns(struct convolve_patches *patches, size_t receivers,
+/* Leave patches that cannot be cut on a lattice of `fine` nodes to a surface point to the gather. Whom convolution serves is
+ * to be found afterwards. */
+void convolve_leave_out(struct convolve_patches *patches, size_t receivers,
+                        const struct mapping *mapping, const struct appearance *appearance,
+                        int fine);
+
+/* Estimated nanoseconds of one processor for all patches; HUGE_VAL where one cannot be cut. */
+double convolve_cost_ns(const struct convolve_patches *patches, size_t receivers,
                         const struct mapping *mapping, const struct appearance *appearance,
                         struct convolve_planes planes, int fine, double samples);
 

@@ -104,7 +104,7 @@ static struct group_key cube_key(const float position[3], double cube_mm, const 
 {
     int32_t k[3];
     for (int i = 0; i < 3; i++) {
-        k[i] = (int32_t)floor((double)position[i] / cube_mm) + step[i];
+        k[i] = (int32_t)fmin(fmax(floor((double)position[i] / cube_mm), -1e9), 1e9) + step[i];
     }
     return (struct group_key){k[0], k[1], k[2], 0};
 }

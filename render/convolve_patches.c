@@ -317,7 +317,8 @@ void convolve_patches_finish(struct convolve_patches *patches)
 }
 
 int convolve_patch_at(const struct convolve_patches *patches, const struct receiver *receivers,
-                      int32_t chart, double x, double y, const float position[3], double point_mm)
+                      int32_t chart, double x, double y, const float position[3],
+                      const float normal[3], double point_mm)
 {
     double nearest = HUGE_VAL;
     int found = -1;
@@ -331,7 +332,8 @@ int convolve_patch_at(const struct convolve_patches *patches, const struct recei
         }
         double far = 2 * stretch_most * (2 * patch->cell) * point_mm;
         double away = apart(receivers[place].position, position);
-        if (away <= far && away < nearest) {
+        bool faces = vec3_dot(vec3_from(receivers[place].normal), vec3_from(normal)) > 0;
+        if (faces && away <= far && away < nearest) {
             nearest = away;
             found = (int)i;
         }

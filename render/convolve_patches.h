@@ -38,9 +38,11 @@ int convolve_patches_make(struct convolve_patches *patches, const struct mesh *m
                           struct nacre_error *error);
 void convolve_patches_finish(struct convolve_patches *patches);
 
-/* Which patch light at a place of the texture and of space falls on, or -1. */
+/* Which patch light at a place of the texture and of space falls on, or -1. The surface's normal there tells the two sides of
+ * something thin apart. */
 int convolve_patch_at(const struct convolve_patches *patches, const struct receiver *receivers,
-                      int32_t chart, double x, double y, const float position[3], double point_mm);
+                      int32_t chart, double x, double y, const float position[3],
+                      const float normal[3], double point_mm);
 
 /* The receiver that stands for the cell in which a receiver of the patch lies: the first in it. */
 uint32_t convolve_place(const struct convolve_patch *patch, const struct receiver *receiver);

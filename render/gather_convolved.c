@@ -15,7 +15,7 @@ static bool worthwhile(const struct gather_convolved *convolved)
     return convolve_worthwhile(convolved->served.count, convolved->stock->receivers.count);
 }
 
-static bool pays(struct gather_convolved *convolved, int fine)
+static bool pays(const struct gather_convolved *convolved, int fine)
 {
     const struct gather_stock *stock = convolved->stock;
     struct gather_cost cost = convolved->without;
@@ -25,7 +25,7 @@ static bool pays(struct gather_convolved *convolved, int fine)
                                  (double)stock->samples.count);
     double both = convolve_both_ns(served, count, ns, cost.plain, cost.summed);
     return stock->gather->way == GATHER_CONVOLVED
-               ? worthwhile(convolved)
+               ? isfinite(ns) && worthwhile(convolved)
                : convolve_pays(served, count, both, fmin(cost.plain, cost.summed));
 }
 
@@ -55,6 +55,8 @@ int gather_convolved_make(struct gather_convolved *convolved, const struct gathe
                               error) != NACRE_OK) {
         return NACRE_FAILED;
     }
+    convolve_leave_out(&convolved->patches, count, gather->mapping, gather->appearance,
+                       convolved->fine);
     convolved->served = convolve_serve(&convolved->patches, count, gather->tolerance);
     if (!pays(convolved, convolved->fine)) {
         convolved->served.count = 0;
@@ -112,7 +114,7 @@ static double measure(const struct gather_convolved *convolved, const struct gat
 }
 
 /* Misfits that are too small to explain what is off leave the lattice. */
-static bool is_coarse(struct gather_convolved *convolved, double off)
+static bool is_coarse(const struct gather_convolved *convolved, double off)
 {
     return convolved->fine < CONVOLVE_FINEST && 2 * convolved->served.misfit < off &&
            pays(convolved, convolved->fine + 1);

@@ -29,6 +29,9 @@ static const double step_share = 0.6;
 /* Beyond this share of the time, looking how long the picture takes would take what it needs. */
 static const double closing_share = 0.4;
 
+/* 30 years: nanoseconds of far more do not fit into 64 bits. */
+static const double longest_seconds = 1e9;
+
 struct run {
     const struct refine_goal *goal;
     const struct refine_work *work;
@@ -57,8 +60,9 @@ double refine_seconds(const struct refine_goal *goal)
 /* When the picture has to be begun; the first step is of use whenever it ends. */
 static int64_t steps_end_ns(const struct run *run)
 {
+    double seconds = fmin(run->goal->seconds - run->closing, longest_seconds);
     return has_deadline(run) && run->report->count > 0
-               ? run->goal->begun_ns + (int64_t)((run->goal->seconds - run->closing) * 1e9)
+               ? run->goal->begun_ns + (int64_t)(seconds * 1e9)
                : 0;
 }
 

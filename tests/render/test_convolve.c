@@ -10,6 +10,10 @@
 #include <string.h>
 #include <unity.h>
 
+/* As omp.h has them; clang-tidy has no such header. */
+extern int omp_get_max_threads(void);
+extern void omp_set_num_threads(int count);
+
 static struct nacre_material material;
 static struct stand stand;
 static float (*exact)[3];
@@ -314,6 +318,87 @@ static void a_surface_over_itself_in_the_texture_is_gathered(void)
     TEST_ASSERT_EQUAL_UINT64(0, convolved_of_ramp(90));
 }
 
+enum { SLAB_COLUMNS = 160, SLAB_ROWS = 120 };
+
+/* Two sheets, eight points apart and facing away from each other; the lower is engraved where its vertices are no patch's. */
+static struct mesh engraved_slab(void)
+{
+    struct mesh sheet = stand_grid(SLAB_COLUMNS, SLAB_ROWS, point_mm), mesh;
+    size_t vertices = sheet.vertex_count, triangles = sheet.triangle_count;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK,
+                          mesh_allocate(&mesh, 2 * vertices, 2 * triangles, false, &error));
+    for (size_t i = 0; i < 2 * vertices; i++) {
+        size_t x = i % vertices % SLAB_COLUMNS, y = i % vertices / SLAB_COLUMNS;
+        bool below = i >= vertices, engraved = x >= 20 && x < 32 && y >= 50 && y < 62;
+        double depth = engraved && (x + y) % 2 ? 9.5 : 8;
+        memcpy(mesh.positions[i], sheet.positions[i % vertices], sizeof *mesh.positions);
+        mesh.positions[i][2] = below ? (float)(-depth * point_mm) : 0;
+        mesh.normals[i][2] = below ? -1 : 1;
+    }
+    for (size_t i = 0; i < 2 * triangles; i++) {
+        bool below = i >= triangles;
+        const uint32_t *t = sheet.triangles[i % triangles];
+        uint32_t first = below ? (uint32_t)vertices : 0;
+        mesh.triangles[i][0] = first + t[0];
+        mesh.triangles[i][1] = first + t[below ? 2 : 1];
+        mesh.triangles[i][2] = first + t[below ? 1 : 2];
+    }
+    mesh_finish(&sheet);
+    return mesh;
+}
+
+/* Light on the back must not be taken for light on the front, though it is as near in the texture. Most vertices above the
+ * engraving, 1 in 270 of all, would be up to twice as bright, and the check does not look there: 2.5 % where 1 % is asked for. */
+static void light_on_the_back_of_a_slab_stays_there(void)
+{
+    make_material(9, 2, 3, 3);
+    make_stand(engraved_slab(), TILING_MIRROR, MAPPING_PLANAR);
+    stand_light_evenly(&stand, 2);
+    keep_gathered();
+    struct gather_counts counts = stand_gather_convolved(&stand, 0.01);
+    TEST_ASSERT_TRUE(counts.convolved > counts.receivers / 2);
+    TEST_ASSERT_TRUE(difference().rms <= 0.01);
+}
+
+/* Longer than the longest that can be cut where tiles repeat: 8 blocks of 608 points at one node to a point, as their transforms
+ * have 640 nodes, 32 of them for what kernels of 9 reach; of 300 at two nodes. */
+static void patches_that_cannot_be_cut_are_gathered(void)
+{
+    make_material(9, 2, 3, 3);
+    make_stand(stand_grid(4900, 4, point_mm), TILING_REPEAT, MAPPING_PLANAR);
+    stand_light_evenly(&stand, 1);
+    keep_gathered();
+    TEST_ASSERT_EQUAL_UINT64(0, check(0.01).convolved);
+    finish_stand();
+    nacre_material_finish(&material);
+    make_material(9, 4, 3, 3);
+    make_stand(bent(2700, 4, 0), TILING_REPEAT, MAPPING_UV);
+    stand_light_evenly(&stand, 1);
+    keep_gathered();
+    struct gather_counts coarse = check(0.05);
+    TEST_ASSERT_EQUAL_UINT64(coarse.receivers, coarse.convolved);
+    (void)check(0.9 * coarse.error);
+}
+
+static void light_is_the_same_on_any_number_of_threads(void)
+{
+    make_material(9, 3, 3, 1);
+    make_stand(bent(80, 40, 0), TILING_MIRROR, MAPPING_UV);
+    light_in_stripes(4, false);
+    (void)stand_gather_convolved(&stand, 0.02);
+    exact = calloc(stand.mesh.vertex_count, sizeof *exact);
+    TEST_ASSERT_NOT_NULL(exact);
+    memcpy(exact, stand.radiosity, stand.mesh.vertex_count * sizeof *exact);
+    int threads = omp_get_max_threads();
+    for (int i = 1; i < 6; i += 2) {
+        omp_set_num_threads(i);
+        struct gather_counts counts = stand_gather_convolved(&stand, 0.02);
+        omp_set_num_threads(threads);
+        TEST_ASSERT_EQUAL_UINT64(counts.receivers, counts.convolved);
+        TEST_ASSERT_EQUAL_MEMORY(exact, stand.radiosity, stand.mesh.vertex_count * sizeof *exact);
+    }
+}
+
 static void light_that_is_not_finite_is_left_to_the_gather(void)
 {
     make_material(9, 2, 3, 3);
@@ -385,6 +470,11 @@ static void blocks_cover_a_patch_once(void)
             TEST_ASSERT_TRUE(width > 0);
             /* Nodes that are read, and as many as kernels reach to both sides. */
             TEST_ASSERT_TRUE(plan.x.size >= width * plan.fine + 4 + 2 * plan.reach);
+        }
+        for (int k = 0; k < plan.y.count; k++) {
+            int height = plan.y.starts[k + 1] - plan.y.starts[k];
+            TEST_ASSERT_TRUE(height > 0);
+            TEST_ASSERT_TRUE(plan.y.size >= height * plan.fine + 4 + 2 * plan.reach);
         }
     }
 }
@@ -490,6 +580,9 @@ int main(void)
     RUN_TEST(along_a_cut_vertices_are_gathered);
     RUN_TEST(vertices_with_a_surface_behind_them_are_gathered);
     RUN_TEST(a_surface_over_itself_in_the_texture_is_gathered);
+    RUN_TEST(light_on_the_back_of_a_slab_stays_there);
+    RUN_TEST(patches_that_cannot_be_cut_are_gathered);
+    RUN_TEST(light_is_the_same_on_any_number_of_threads);
     RUN_TEST(light_that_is_not_finite_is_left_to_the_gather);
     RUN_TEST(no_light_makes_none);
     RUN_TEST(the_choice_can_be_told_ahead);

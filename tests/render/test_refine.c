@@ -222,6 +222,16 @@ static void more_time_brings_less_error(void)
     }
 }
 
+/* As long as anybody can wait, in nanoseconds more than 64 bits hold. */
+static void a_time_without_end_gives_no_step_up(void)
+{
+    struct law law = law_usual();
+    struct refine_report report;
+    (void)run_law(&law, 0.01, 1e12, true, &report);
+    TEST_ASSERT_EQUAL_STRING("error", report.stopped_by);
+    TEST_ASSERT_TRUE(report.error_held);
+}
+
 static void error_and_time_together_end_with_what_comes_first(void)
 {
     struct law law = law_usual();
@@ -566,6 +576,7 @@ int main(void)
     RUN_TEST(a_time_is_kept);
     RUN_TEST(a_time_is_kept_where_the_machine_slows_down);
     RUN_TEST(more_time_brings_less_error);
+    RUN_TEST(a_time_without_end_gives_no_step_up);
     RUN_TEST(error_and_time_together_end_with_what_comes_first);
     RUN_TEST(too_short_a_time_gets_the_least_there_is);
     RUN_TEST(an_error_out_of_reach_ends_too);
