@@ -23,7 +23,7 @@ int convolve_ahead(struct convolve_ahead *ahead, const struct mesh *mesh,
                                        error);
     }
     if (status == NACRE_OK) {
-        convolve_leave_out(&patches, receivers.count, mapping, appearance, 1);
+        convolve_leave_out(&patches, receivers.count, mapping, appearance, planes, 1);
         double ns =
             convolve_cost_ns(&patches, receivers.count, mapping, appearance, planes, 1, samples);
         struct convolve_served served = convolve_serve(&patches, receivers.count, tolerance);

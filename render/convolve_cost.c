@@ -11,9 +11,8 @@ static const double point_ns = 12, node_ns = 0.5, read_ns = 7, place_ns = 500;
 
 void convolve_leave_out(struct convolve_patches *patches, size_t receivers,
                         const struct mapping *mapping, const struct appearance *appearance,
-                        int fine)
+                        struct convolve_planes planes, int fine)
 {
-    const struct convolve_planes planes = {1, 1}; /* whether there is a way does not hang on them */
     for (size_t i = 0; i < patches->count; i++) {
         struct convolve_patch *patch = &patches->list[i];
         struct convolve_plan plan;

@@ -5,11 +5,11 @@
 #include "render/convolve_patches.h"
 #include "render/convolve_plan.h"
 
-/* Leave patches that cannot be cut on a lattice of `fine` nodes to a surface point to the gather. Whom convolution serves is
+/* Leave patches that cannot be cut, in the memory there may be for so many planes, on a lattice of `fine` nodes to a surface point to the gather. Whom convolution serves is
  * to be found afterwards. */
 void convolve_leave_out(struct convolve_patches *patches, size_t receivers,
                         const struct mapping *mapping, const struct appearance *appearance,
-                        int fine);
+                        struct convolve_planes planes, int fine);
 
 /* Estimated nanoseconds of one processor for all patches; HUGE_VAL where one cannot be cut. */
 double convolve_cost_ns(const struct convolve_patches *patches, size_t receivers,

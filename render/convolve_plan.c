@@ -5,7 +5,10 @@
 
 #include <math.h>
 
-enum { LARGEST = 640 /* transforms then stay in the cache, and in memory */, STEPS = 8 };
+enum { LARGEST = 640 /* transforms then stay in the cache */, STEPS = 8 };
+
+/* Floats of a block's planes, light's and what leaves: 512 MiB. The gather needs no such room. */
+static const double most_floats = 0x1p27;
 
 struct candidate {
     struct convolve_axis axis;
@@ -69,9 +72,10 @@ void convolve_plan(struct convolve_plan *plan, const struct convolve_patch *patc
     for (int i = 0; i < columns * rows; i++) {
         const struct candidate *x = &across[i / rows], *y = &down[i % rows];
         double blocks = (double)x->axis.count * y->axis.count;
-        double points = blocks * x->axis.size * y->axis.size;
-        points *= planes.in + planes.out * (1 + x->mixed) * (1 + y->mixed);
-        if (points < plan->points) {
+        double floats = (double)x->axis.size * y->axis.size;
+        floats *= planes.in + planes.out * (1 + x->mixed) * (1 + y->mixed);
+        double points = blocks * floats;
+        if (points < plan->points && floats <= most_floats) {
             plan->x = x->axis;
             plan->y = y->axis;
             plan->points = points;

@@ -56,7 +56,7 @@ int gather_convolved_make(struct gather_convolved *convolved, const struct gathe
         return NACRE_FAILED;
     }
     convolve_leave_out(&convolved->patches, count, gather->mapping, gather->appearance,
-                       convolved->fine);
+                       convolved->how.planes, convolved->fine);
     convolved->served = convolve_serve(&convolved->patches, count, gather->tolerance);
     if (!pays(convolved, convolved->fine)) {
         convolved->served.count = 0;

@@ -25,7 +25,8 @@ int gather_probe_make(struct gather_probe *probe, const struct gather_stock *sto
 void gather_probe_finish(struct gather_probe *probe);
 
 /* The root mean square over all vertices and channels by which light[vertex][3] is off, over that of exact[vertex][3]: at
- * most this, but once in some hundred times. Both are right where vertices are drawn. HUGE_VAL where no light was seen. */
+ * most this, by three standard errors, where what is off is spread over a tenth of the surface or more: 40 groups can miss
+ * what is off in a few small places. Both are right where vertices are drawn. HUGE_VAL where no light was seen. */
 double gather_probe_error(const struct gather_probe *probe, float (*light)[3], float (*exact)[3]);
 
 #endif
