@@ -85,8 +85,9 @@ static const struct option_spec plan_options[] = {
      .maximum = 1e9,
      .fallback = "0",
      .offset = offsetof(struct plan_settings, within_seconds),
-     .sentence = "of an adapted plan: time of exposing, as 90min or 3h; --noise and --overlap are "
-                 "widened until it is kept; 0: as long as it takes"},
+     .sentence =
+         "of an adapted plan: time of exposing, as 90min or 3h; --noise, --tails and --overlap "
+         "are widened until it is kept; 0: as long as it takes"},
     {0}};
 
 /* What was chosen, and what it costs. */
@@ -304,9 +305,9 @@ const struct verb verb_plan = {
         "at which its responses leave no more than --overlap among neighbours, which developing "
         "parts among them by the profile of the pilot; the exposures whose noise is no more than "
         "--noise and --tails, long ones only in grids whose points need them; and black frames "
-        "until their mean adds no more than a quarter of that. Of all sets of the pilot's "
-        "exposures "
-        "the one that takes the least time is chosen.\n\n"
+        "until their mean adds no more than a quarter of --tails. Exposures are the pilot's first, "
+        "which white needs, and up to three of a ladder of whole turns up to its longest: those "
+        "that take the least time.\n\n"
         "Beyond the distance at which the pilot's light is lost in noise the fall is taken to go "
         "on as it was before.",
     .operand_minimum = 1,

@@ -16,6 +16,7 @@ import hashlib
 import json
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -151,6 +152,12 @@ def measure_scanned(name, exact):
     folder = os.path.join(options.folder, name + '-scanned')
     os.makedirs(folder, exist_ok=True)
     key = f'{digest(path)} {write_station(folder, path, exact["scan"]["result"])}'
+    if not options.show and load(os.path.join(folder, 'session.json')).get('key', key) != key:
+        # Of another sample or station: what was begun must not go on as if it were of this one.
+        shutil.rmtree(os.path.join(folder, 'session'), ignore_errors=True)
+        for left in ('scan.exr.work', 'paper.checkpoint'):
+            if os.path.exists(os.path.join(folder, left)):
+                os.remove(os.path.join(folder, left))
     begun = os.path.exists(os.path.join(folder, 'session/session.yaml'))
     made = {'session': run(folder, 'session', key, 'scan', 'session', *(['--resume'] if begun else ['--station', 'station.yaml']))}
     if not made['session']:
@@ -168,7 +175,7 @@ def measure_scanned(name, exact):
         made['ours'] = factor_by_terms(folder, key, count)
         if made['ours']:
             made['ours error'] = compare(folder, key, name, f'terms-{count}')
-        if not made['ours'] or not made['paper'] or is_better(made):
+        if not is_complete(made) or is_better(made):
             break
     return made
 
@@ -193,6 +200,11 @@ def factor_as_paper(name, folder, sample):
 def factor_by_terms(folder, sample, count):
     return run(folder, f'terms-{count}', f'{sample} {count}', 'factor', 'scan.exr', '-o', f'terms-{count}.exr', '--model', 'terms',
                '--terms', str(count), '--iterations', '200')
+
+
+def is_complete(made):
+    """Whether both ways were gone, to the end: --show may find a material that was not compared."""
+    return all(made.get(way) and made.get(way + ' error', made[way]) for way in ('ours', 'paper'))
 
 
 def is_better(made):
@@ -298,7 +310,7 @@ def main():
     print(text, end='')
     if options.write:
         write(text)
-    done = [made for made in [*results.values(), *scanned.values()] if made.get('ours') and made.get('paper')]
+    done = [made for made in [*results.values(), *scanned.values()] if is_complete(made)]
     return 1 if any(not is_better(made) for made in done) else 0
 
 

@@ -274,6 +274,15 @@ static void time_is_kept_by_wider_bounds(void)
     adapt(0.05, 0.02, 0, 600);
     TEST_ASSERT_TRUE(result.seconds <= 600);
     TEST_ASSERT_TRUE(result.widened > 1);
+    /* No more than needed: bounds a step of 1.1 narrower, wished without a limit, take longer. */
+    double narrower = result.widened / 1.1;
+    struct plan again;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK,
+                          plan_parse("plan.yaml", plan_text, strlen(plan_text), &again, &error));
+    plan_finish(&plan);
+    plan = again;
+    adapt(0.05 * narrower, 0.02 * narrower, 0, 0);
+    TEST_ASSERT_TRUE(result.seconds > 600);
 }
 
 static void time_that_cannot_be_kept_is_refused(void)
