@@ -110,11 +110,12 @@ static bool should_grow(const struct conductor *c)
 }
 
 /* An update may still be on its way when the time is read: half an iteration more. The first iteration may compile, so
- * what follows takes a fraction of its time. */
+ * what follows takes a fraction of its time. With a kernel per term one may hold twice as many steps as the last. */
 static bool time_is_up(const struct conductor *c)
 {
     const struct attempt *a = &c->now;
-    double next = a->step_seconds * (attempt_iterations(a) == 1 ? 0.3 : 1.5);
+    double longest = c->options->model == FACTOR_MODEL_TERMS ? 2.5 : 1.5;
+    double next = a->step_seconds * (attempt_iterations(a) == 1 ? 0.3 : longest);
     return conductor_has_deadline(c) &&
            conductor_seconds(c) + next + a->closing_seconds > c->options->seconds;
 }
@@ -123,6 +124,14 @@ static bool time_is_up(const struct conductor *c)
 static bool is_patient(const struct conductor *c)
 {
     return c->options->model == FACTOR_MODEL_TERMS && !conductor_wants_error(c);
+}
+
+/* Whether the end hangs on what fitting noise would gain, which takes time to work out. */
+static bool noise_decides(const struct conductor *c)
+{
+    const struct attempt *a = &c->now;
+    return is_patient(c) && has_settled(a, c->options->tolerance) &&
+           !is_out_of_valleys(a, VALLEY * c->options->tolerance);
 }
 
 static enum ending find_ending(const struct conductor *c)
@@ -261,6 +270,10 @@ static int step(struct conductor *c, struct nacre_error *error)
         a->known = a->history.count;
     }
     status = attempt_extend_history(a, error);
+    if (status == NACRE_OK && noise_decides(c)) {
+        status = factors_read(&a->factors, a->method, error);
+        a->noise = status == NACRE_OK ? terms_noise_gain(c->data, &a->factors) : 0;
+    }
     if (status == NACRE_OK) {
         double now = conductor_seconds(c);
         a->step_seconds = now - begun;
@@ -273,10 +286,6 @@ static int step(struct conductor *c, struct nacre_error *error)
     }
     if (status == NACRE_OK && probe_is_due(c)) {
         status = conductor_probe(c, error);
-    }
-    if (status == NACRE_OK && is_patient(c) && has_settled(a, c->options->tolerance)) {
-        status = factors_read(&a->factors, a->method, error);
-        a->noise = status == NACRE_OK ? terms_noise_gain(c->data, &a->factors) : 0;
     }
     return status;
 }

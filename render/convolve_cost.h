@@ -5,8 +5,8 @@
 #include "render/convolve_patches.h"
 #include "render/convolve_plan.h"
 
-/* Leave patches that cannot be cut, in the memory there may be for so many planes, on a lattice of `fine` nodes to a surface point to the gather. Whom convolution serves is
- * to be found afterwards. */
+/* Leave patches that cannot be cut, on a lattice of `fine` nodes to a surface point and in the memory that there may be for
+ * so many planes, to the gather. Whom convolution serves is to be found afterwards. */
 void convolve_leave_out(struct convolve_patches *patches, size_t receivers,
                         const struct mapping *mapping, const struct appearance *appearance,
                         struct convolve_planes planes, int fine);
