@@ -325,10 +325,16 @@ static void kill_costs_no_more_than_the_writer_holds(void)
            worst);
 }
 
-/* At the pace of a real station, which a writer keeps up with; more only where the disk was busy with other work. */
+/* At the pace of a real station, which a writer keeps up with; more only where it was kept from running. The files are in
+ * memory where there is room for them: a disk that is busy with other work takes its time with each. */
 static void kill_at_a_real_pace_costs_the_pattern_in_work(void)
 {
     int exceeding = 0;
+    if (access("/dev/shm", W_OK) == 0) {
+        tearDown();
+        TEST_ASSERT_EQUAL_INT(0, setenv("TMPDIR", "/dev/shm", 1));
+        setUp();
+    }
     int worst = worst_of_kills(20000, 300000, 20, &exceeding);
     TEST_ASSERT_TRUE(worst > 0 && exceeding <= 4);
     printf("20 kills of scans at 50 patterns a second: at most %d patterns begun and not yet on "
