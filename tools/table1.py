@@ -155,9 +155,8 @@ def measure_scanned(name, exact):
     if not options.show and load(os.path.join(folder, 'session.json')).get('key', key) != key:
         # Of another sample or station: what was begun must not go on as if it were of this one.
         shutil.rmtree(os.path.join(folder, 'session'), ignore_errors=True)
-        for left in ('scan.exr.work', 'paper.checkpoint'):
-            if os.path.exists(os.path.join(folder, left)):
-                os.remove(os.path.join(folder, left))
+        if os.path.exists(os.path.join(folder, 'scan.exr.work')):
+            os.remove(os.path.join(folder, 'scan.exr.work'))
     begun = os.path.exists(os.path.join(folder, 'session/session.yaml'))
     made = {'session': run(folder, 'session', key, 'scan', 'session', *(['--resume'] if begun else ['--station', 'station.yaml']))}
     if not made['session']:
@@ -191,6 +190,9 @@ def digest(path):
 
 def factor_as_paper(name, folder, sample):
     _, _, terms, clusters = sample_of(name)
+    scan, checkpoint = (os.path.join(folder, file) for file in ('scan.exr', 'paper.checkpoint'))
+    if not options.show and os.path.exists(checkpoint) and os.path.getmtime(checkpoint) < os.path.getmtime(scan):
+        os.remove(checkpoint)  # of responses that were there before these
     return run(folder, 'paper', f'{sample} {options.iterations} {terms} {clusters}', 'factor', 'scan.exr', '-o', 'paper.exr',
                '--model', 'clusters', '--method', 'mu', '--terms', str(terms), '--clusters', str(clusters), '--iterations',
                str(options.iterations), '--tolerance', '0', '--store', 'float', '--checkpoint', 'paper.checkpoint',
@@ -198,8 +200,8 @@ def factor_as_paper(name, folder, sample):
 
 
 def factor_by_terms(folder, sample, count):
-    return run(folder, f'terms-{count}', f'{sample} {count}', 'factor', 'scan.exr', '-o', f'terms-{count}.exr', '--model', 'terms',
-               '--terms', str(count), '--iterations', '200')
+    return run(folder, f'terms-{count}', f'{sample} {count} to its own end', 'factor', 'scan.exr', '-o', f'terms-{count}.exr',
+               '--model', 'terms', '--terms', str(count))
 
 
 def is_complete(made):
