@@ -122,7 +122,7 @@ static void too_little_time_leaves_no_file_and_says_what_is_needed(void)
 
 static void time_to_spare_ends_early(void)
 {
-    struct spawned run = RUN(NULL, "--within", "1h", "--json");
+    struct spawned run = RUN(NULL, "--within", "1h", "--method", "mu", "--json");
     expect_status(&run, 0);
     json_t *object = parse(&run);
     TEST_ASSERT_TRUE(json_array_size(json_object_get(object, "tried")) >= 2);
@@ -156,7 +156,7 @@ static void an_explanation_comes_before_the_result(void)
     static const char *const keys[] = {"device", "responses", "terms",          "clusters",
                                        "stops",  "method",    "tile",           "device memory",
                                        "pace",   "tried",     "normal matrices"};
-    struct spawned run = RUN(NULL, "--explain", "-t", "3", "--model", "clusters");
+    struct spawned run = RUN(NULL, "--explain", "-t", "3", "--model", "clusters", "-i", "5");
     expect_status(&run, 0);
     const char *result = strstr(run.output, "\nrelative error");
     TEST_ASSERT_NOT_NULL(result);
@@ -167,7 +167,7 @@ static void an_explanation_comes_before_the_result(void)
     TEST_ASSERT_NOT_NULL(strstr(run.output, "3, as asked for"));
     TEST_ASSERT_NOT_NULL(strstr(run.output, "5 (default)"));
     spawned_finish(&run);
-    run = RUN(NULL, "--explain", "--json", "-t", "3");
+    run = RUN(NULL, "--explain", "--json", "-t", "3", "-i", "5");
     expect_status(&run, 0);
     json_t *object = parse(&run);
     json_t *first = json_array_get(json_object_get(object, "explained"), 0);
@@ -176,7 +176,7 @@ static void an_explanation_comes_before_the_result(void)
         strstr(json_string_value(json_object_get(first, "why")), "a kernel for each term"));
     json_decref(object);
     spawned_finish(&run);
-    run = RUN(NULL, "--json", "-t", "3");
+    run = RUN(NULL, "--json", "-t", "3", "-i", "5");
     object = parse(&run);
     TEST_ASSERT_NULL(json_object_get(object, "explained"));
     json_decref(object);
