@@ -11,8 +11,9 @@
 /* Planes have a maximum of 2^-PLANE_EXPONENT, so that half floats hold squares of small levels, and kernels the rest. */
 enum { PLANE_EXPONENT = 4 };
 
-/* Of the centre and the albedo at least, whatever planes have: one number there is what many entries of a plane are. */
-enum { LOGARITHM_BITS = 8 };
+/* Of the centre at least, whatever planes have: one number there is what many entries of a plane are. The albedo is for
+ * viewers alone, which 62 steps from dark to bright do for. */
+enum { CENTRE_BITS = 8, ALBEDO_BITS = 6 };
 
 /* Logarithmic levels reach this far below the largest value; what is darker becomes the least of them. */
 #define DARKEST 1e-6
@@ -79,7 +80,7 @@ void terms_material_round(const struct problem *p, int bits, struct factors *f)
 static void quantise_logarithms(float *plane, size_t count, int bits)
 {
     double least = INFINITY, largest = 0;
-    double levels = ldexp(1, bits > 0 && bits < LOGARITHM_BITS ? LOGARITHM_BITS : bits) - 2;
+    double levels = ldexp(1, bits) - 2;
     for (size_t i = 0; i < count; i++) {
         largest = fmax(largest, (double)plane[i]); /* passes over NaN */
     }
@@ -89,7 +90,7 @@ static void quantise_logarithms(float *plane, size_t count, int bits)
         }
     }
     double range = largest > least ? log(largest / least) : 1;
-    for (size_t i = 0; i < count && bits > 0; i++) {
+    for (size_t i = 0; i < count; i++) {
         if (plane[i] > 0) {
             double level = rint(log(fmax((double)plane[i], least) / least) / range * levels);
             plane[i] = (float)(least * exp(level / levels * range));
@@ -248,8 +249,10 @@ int terms_material_fill(const struct problem *p, const struct factors *factors,
         size_t count = (size_t)m->channels * points_of(m);
         m->pixel = choose_pixel(m);
         nacre_material_round(m);
-        quantise_logarithms(m->albedo, count, m->bits);
-        quantise_logarithms(m->centre, count, m->bits);
+        if (m->bits > 0) {
+            quantise_logarithms(m->albedo, count, ALBEDO_BITS);
+            quantise_logarithms(m->centre, count, m->bits < CENTRE_BITS ? CENTRE_BITS : m->bits);
+        }
         if (d->grid.radius) {
             memcpy(m->radius, d->grid.radius, (size_t)d->grid.count * sizeof *m->radius);
             nacre_material_spread(m);

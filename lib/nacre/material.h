@@ -31,7 +31,7 @@ struct nacre_material {
     enum nacre_layout layout;
     enum nacre_pixel pixel; /* of F, H and centre in the file: NACRE_HALF or NACRE_FLOAT */
     int factor_channels;    /* of F and H: as channels, or 1 where all channels share them */
-    int bits; /* planes take at most 2^bits values, those of centre and albedo 2^8 or more; 0: not quantised */
+    int bits; /* planes take at most 2^bits values, those of the centre 2^8 or more, of the albedo 2^6; 0: not quantised */
 
     float *albedo;  /* [channels][height][width]; NaN where not measured; not part of the model */
     float *f;       /* [terms][factor_channels][height][width] */

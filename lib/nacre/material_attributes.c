@@ -7,7 +7,7 @@
 #include <string.h>
 
 /* Of a small material a long history would be a tenth: so many iterations at most are told of a quantised one. */
-enum { HISTORY_MOST = 40 };
+enum { HISTORY_MOST = 17 };
 
 /* Every so manieth value up to the last; in place of one that is not known the last before it. */
 static int add_thinned(struct exr_part *part, const char *name, const float *values, size_t count,

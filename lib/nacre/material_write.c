@@ -11,6 +11,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* As many values as viewers need. */
+enum { ALBEDO_BITS = 6 };
+
 /* Add one plane with a copy of the values. */
 static int add_plane(struct exr_part *part, const char *name, enum nacre_pixel pixel,
                      const void *values)
@@ -147,10 +150,13 @@ static int number_planes(struct exr_file *file, const struct nacre_material *mat
     for (size_t i = 0; i < sizeof names / sizeof *names && status == NACRE_OK; i++) {
         struct exr_part *part = exr_file_find_part(file, names[i]);
         bool done = false;
-        /* Albedo and centre are single numbers of a point and not sums of terms. */
+        /* Albedo and centre are single numbers of a point and not sums of terms; albedo may be coarser, for viewers. */
         bool factor = names[i][1] == '\0';
         int bits = factor || material->bits > 8 ? material->bits : 8;
-        if (part) {
+        if (part && i == 0) {
+            status = levels_number(part, ALBEDO_BITS, &done, error);
+        }
+        if (part && !done && status == NACRE_OK) {
             status = levels_number(part, bits, &done, error);
         }
         *numbered = *numbered || done;

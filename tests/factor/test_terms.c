@@ -289,6 +289,8 @@ static void files_hold_planes_of_few_values(void)
         TEST_ASSERT_EQUAL_MEMORY(m.f, back.f, 3 * points * sizeof(float));
         TEST_ASSERT_EQUAL_MEMORY(m.centre, back.centre, 3 * points * sizeof(float));
         TEST_ASSERT_EQUAL_MEMORY(m.kernels, back.kernels, 9 * area * sizeof(float));
+        TEST_ASSERT_EQUAL_MEMORY(m.albedo, back.albedo, 3 * points * sizeof(float));
+        TEST_ASSERT_TRUE(distinct(m.albedo, 3 * points) <= 64);
         TEST_ASSERT_EQUAL_INT(i == 0, back.gain != NULL);
         TEST_ASSERT_EQUAL_INT(i == 0, back.h != NULL);
         for (size_t t = 0; i > 0 && t < 3; t++) {
