@@ -1,15 +1,12 @@
-/* Choosing an OpenCL device and building embedded kernels for it. */
-#include "base/opencl.h"
+/* Choosing an OpenCL device. */
+#include "base/opencl_programs.h"
 
 #include <errno.h>
-#include <limits.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <strings.h>
-#include <unistd.h>
 
-enum { MAX_PLATFORMS = 16, MAX_DEVICES = 64, LOG_SHOWN = 700 };
+enum { MAX_PLATFORMS = 16, MAX_DEVICES = 64 };
 
 const char *opencl_status_name(cl_int status)
 {
@@ -161,6 +158,9 @@ int opencl_open(const char *selector, struct opencl *opencl, struct nacre_error 
         opencl->queue = clCreateCommandQueue(opencl->context, opencl->device, 0, &status);
         result = opencl_check(opencl, status, "cannot create a command queue", error);
     }
+    if (result == NACRE_OK) {
+        result = opencl_programs_new(&opencl->programs, error);
+    }
     if (result != NACRE_OK) {
         opencl_close(opencl);
     }
@@ -169,6 +169,7 @@ int opencl_open(const char *selector, struct opencl *opencl, struct nacre_error 
 
 void opencl_close(struct opencl *opencl)
 {
+    opencl_programs_free(opencl->programs);
     if (opencl->queue) {
         (void)clReleaseCommandQueue(opencl->queue);
     }
@@ -176,117 +177,4 @@ void opencl_close(struct opencl *opencl)
         (void)clReleaseContext(opencl->context);
     }
     *opencl = (struct opencl){0};
-}
-
-/* The rest of a stream with a #line in front, on the heap; NULL with errno set where that fails. */
-static char *read_source(FILE *file, const char *path)
-{
-    char *text = NULL;
-    size_t size = 0;
-    int c = 0;
-    FILE *memory = open_memstream(&text, &size);
-    if (!memory) {
-        return NULL;
-    }
-    (void)fprintf(memory, "#line 1 \"%s\"\n", path);
-    while ((c = fgetc(file)) != EOF) {
-        (void)fputc(c, memory);
-    }
-    if (fclose(memory) != 0 || ferror(file)) {
-        free(text);
-        return NULL;
-    }
-    return text;
-}
-
-/* The text of the file `name` in NACRE_CL_DIR: *text stays NULL where the variable is not set or the folder holds no
- * such file, so that a folder may hold only what is being worked on. */
-static int read_override(const char *name, char **text, struct nacre_error *error)
-{
-    char path[PATH_MAX];
-    const char *folder = getenv("NACRE_CL_DIR");
-    *text = NULL;
-    if (!folder || !*folder) {
-        return NACRE_OK;
-    }
-    if (access(folder, X_OK) != 0) {
-        return nacre_fail_errno(error, errno, "NACRE_CL_DIR: cannot use %s", folder);
-    }
-    (void)snprintf(path, sizeof path, "%s/%s", folder, name);
-    FILE *file = fopen(path, "re");
-    if (!file && errno == ENOENT) {
-        return NACRE_OK;
-    }
-    *text = file ? read_source(file, path) : NULL;
-    int number = errno;
-    if (file) {
-        (void)fclose(file);
-    }
-    return *text ? NACRE_OK : nacre_fail_errno(error, number, "NACRE_CL_DIR: cannot read %s", path);
-}
-
-/* The options with NACRE_CL_DIR as a folder for includes, on the heap. OpenCL knows no quoting: its name must hold no space. */
-static char *options_with_folder(const char *options)
-{
-    const char *folder = getenv("NACRE_CL_DIR");
-    char *all = NULL;
-    if (asprintf(&all, "%s -I%s", options ? options : "", folder) < 0) {
-        return NULL;
-    }
-    return all;
-}
-
-static int report_build_failure(const struct opencl *opencl, const char *name, cl_program program,
-                                cl_int status, struct nacre_error *error)
-{
-    size_t size = 0;
-    char *log = NULL;
-    (void)clGetProgramBuildInfo(program, opencl->device, CL_PROGRAM_BUILD_LOG, 0, NULL, &size);
-    log = calloc(1, size + 1);
-    if (log) {
-        (void)clGetProgramBuildInfo(program, opencl->device, CL_PROGRAM_BUILD_LOG, size, log, NULL);
-    }
-    (void)nacre_fail(error, "cannot build %s: %s on %s:\n%.*s", name, opencl_status_name(status),
-                     opencl->name, LOG_SHOWN, log ? log : "");
-    free(log);
-    return NACRE_FAILED;
-}
-
-int opencl_build(const struct opencl *opencl, const struct opencl_source *source,
-                 const char *options, cl_program *program, struct nacre_error *error)
-{
-    char *replaced = NULL, *extended = NULL;
-    cl_int status = CL_SUCCESS;
-    int result = NACRE_FAILED;
-    *program = NULL;
-    if (read_override(source->name, &replaced, error) != NACRE_OK) {
-        return NACRE_FAILED;
-    }
-    if (replaced) {
-        options = extended = options_with_folder(options);
-        if (!extended) {
-            result = nacre_fail_memory(error, source->name);
-            goto out;
-        }
-    }
-    /* OpenCL 1.2's prototype lacks a const that every implementation honours. */
-    *program = replaced ? clCreateProgramWithSource(opencl->context, 1, (const char **)&replaced,
-                                                    NULL, &status)
-                        : clCreateProgramWithSource(opencl->context, (cl_uint)source->line_count,
-                                                    (const char **)source->lines, NULL, &status);
-    result = opencl_check(opencl, status, source->name, error);
-    if (result == NACRE_OK) {
-        status = clBuildProgram(*program, 1, &opencl->device, options, NULL, NULL);
-        if (status != CL_SUCCESS) {
-            result = report_build_failure(opencl, source->name, *program, status, error);
-        }
-    }
-    if (result != NACRE_OK && *program) {
-        (void)clReleaseProgram(*program);
-        *program = NULL;
-    }
-out:
-    free(extended);
-    free(replaced);
-    return result;
 }

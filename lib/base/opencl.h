@@ -23,6 +23,7 @@ struct opencl {
     cl_context context;
     cl_command_queue queue; /* in order */
     cl_uint compute_units;
+    struct opencl_programs *programs; /* that opencl_build has built */
     char name[256];
 };
 
@@ -35,9 +36,9 @@ void opencl_close(struct opencl *opencl); /* a zeroed one is allowed */
  * where no OpenCL platform is installed. */
 size_t opencl_list(cl_device_id *devices, size_t capacity);
 
-/* Compile `source` with `options` ("-DT=12"). A failure carries the device and the first lines of the compiler's log.
- * Where NACRE_CL_DIR is set and that folder has a file of the same name, that file is compiled instead of the embedded
- * text. The caller releases the program. */
+/* Compile `source` with `options` ("-DT=12"), or take the program that was built from both before. A failure carries the
+ * device and the first lines of the compiler's log. Where NACRE_CL_DIR is set and that folder has a file of the same name,
+ * that file is compiled instead of the embedded text, each time. The caller releases the program. One thread at a time. */
 int opencl_build(const struct opencl *opencl, const struct opencl_source *source,
                  const char *options, cl_program *program, struct nacre_error *error);
 

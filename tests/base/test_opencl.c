@@ -1,5 +1,5 @@
 /* Tests of choosing an OpenCL device and of building and running embedded kernels. */
-#include "base/opencl.h"
+#include "base/opencl_programs.h"
 #include "unity.h"
 
 #include <ctype.h>
@@ -198,6 +198,52 @@ static void an_embedded_kernel_builds_and_computes(void)
     expect_sum("-DFACTOR=4", 4);
 }
 
+/* The compiler is asked once for each choice of options. */
+static void what_was_built_is_not_built_again(void)
+{
+    struct opencl opencl;
+    struct nacre_error error = {""};
+    cl_program programs[3] = {NULL};
+    static const char *const options[] = {"-DFACTOR=2", "-DFACTOR=3", "-DFACTOR=2"};
+    open_device(NULL, &opencl);
+    for (int i = 0; i < 3; i++) {
+        TEST_ASSERT_EQUAL_INT(NACRE_OK,
+                              opencl_build(&opencl, &sum_cl, options[i], &programs[i], &error));
+    }
+    TEST_ASSERT_TRUE(programs[0] != programs[1]);
+    TEST_ASSERT_EQUAL_PTR(programs[0], programs[2]);
+    for (int i = 0; i < 3; i++) {
+        (void)clReleaseProgram(programs[i]);
+    }
+    opencl_close(&opencl);
+}
+
+/* One that makes room for others serves whoever holds it; of others the latest are found. */
+static void the_oldest_program_makes_room(void)
+{
+    struct opencl opencl;
+    struct nacre_error error = {""};
+    cl_program program = NULL;
+    char options[16];
+    open_device(NULL, &opencl);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, opencl_build(&opencl, &sum_cl, "", &program, &error));
+    for (int i = 0; i < OPENCL_PROGRAMS_KEPT; i++) {
+        (void)snprintf(options, sizeof options, "%d", i);
+        opencl_programs_keep(opencl.programs, &sum_cl, options, program);
+    }
+    TEST_ASSERT_NULL(opencl_programs_find(opencl.programs, &sum_cl, ""));
+    for (int i = 0; i < OPENCL_PROGRAMS_KEPT; i++) {
+        (void)snprintf(options, sizeof options, "%d", i);
+        TEST_ASSERT_EQUAL_PTR(program, opencl_programs_find(opencl.programs, &sum_cl, options));
+        (void)clReleaseProgram(program);
+    }
+    float a[COUNT] = {0}, b[COUNT] = {5}, c[COUNT];
+    run_sum(&opencl, program, a, b, c);
+    TEST_ASSERT_EQUAL_FLOAT(5, c[0]);
+    (void)clReleaseProgram(program);
+    opencl_close(&opencl);
+}
+
 /* Build `source` and expect it to fail; the error's text is left in *error. */
 static void expect_build_failure(const struct opencl_source *source, const char *options,
                                  struct nacre_error *error)
@@ -302,6 +348,8 @@ int main(void)
     RUN_TEST(a_device_is_chosen_by_part_of_its_name_in_any_case);
     RUN_TEST(the_environment_chooses_where_the_option_does_not);
     RUN_TEST(an_embedded_kernel_builds_and_computes);
+    RUN_TEST(what_was_built_is_not_built_again);
+    RUN_TEST(the_oldest_program_makes_room);
     RUN_TEST(a_kernel_that_does_not_compile_is_reported_with_file_and_line);
     RUN_TEST(a_file_in_nacre_cl_dir_replaces_the_embedded_kernel);
     RUN_TEST(a_broken_file_in_nacre_cl_dir_is_named_with_its_path);
