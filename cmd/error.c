@@ -41,8 +41,8 @@ static void options_of_terms(const struct nacre_material *m, struct factor_optio
     options->tolerance = 0;
     options->seed = m->seed;
     options->reciprocity = m->h && !m->gain ? TERMS_ONE_WAY : TERMS_RECIPROCAL;
-    options->full_kernels = m->radii == 0;
-    options->separate_planes = m->factor_channels > 1;
+    options->kernels = m->radii == 0 ? FACTOR_KERNELS_FULL : FACTOR_KERNELS_RADIAL;
+    options->planes = m->factor_channels > 1 ? FACTOR_PLANES_SEPARATE : FACTOR_PLANES_SHARED;
     options->bits = m->bits;
 }
 

@@ -31,8 +31,13 @@ static const char *const model_words[] = {"clusters", "terms", "auto", NULL};
 enum { MODEL_AUTO = FACTOR_MODEL_TERMS + 1 };
 static const char *const reciprocal_words[] = {"auto", "yes", "gains", "no",
                                                NULL}; /* enum terms_reciprocity */
-static const char *const kernels_words[] = {"radial", "full", NULL};
-static const char *const planes_words[] = {"shared", "separate", NULL};
+static const char *const kernels_words[] = {"radial", "full", "auto",
+                                            NULL}; /* enum factor_kernels */
+static const char *const planes_words[] = {"shared", "separate", "auto",
+                                           NULL}; /* enum factor_planes */
+static const char *const bits_words[] = {"0", "2", "3", "4",  "5",    "6",
+                                         "7", "8", "9", "10", "auto", NULL};
+static const int bits_meant[] = {0, 2, 3, 4, 5, 6, 7, 8, 9, 10, FACTOR_BITS_AUTO};
 static const char *const kernel_words[] = {"average", "max", NULL};       /* enum kernels_kind */
 static const char *const store_words[] = {"auto", "float", "half", NULL}; /* enum factor_store */
 
@@ -67,23 +72,27 @@ static const struct option_spec factor_options[] = {
     {.name = "kernels",
      .kind = OPTION_CHOICE,
      .words = kernels_words,
-     .fallback = "radial",
+     .fallback = "auto",
      .offset = offsetof(struct factor_settings, kernels),
-     .sentence = "with --model terms, whether kernels depend on the distance alone"},
+     .sentence =
+         "with --model terms, whether kernels depend on the distance alone; auto: as fits of "
+         "a piece of the scan are better at equal bytes; radial with --within"},
     {.name = "planes",
      .kind = OPTION_CHOICE,
      .words = planes_words,
-     .fallback = "shared",
+     .fallback = "auto",
      .offset = offsetof(struct factor_settings, planes),
-     .sentence = "with --model terms, whether all colour channels share the planes of a term"},
+     .sentence =
+         "with --model terms, whether all colour channels share the planes of a term; auto: "
+         "as fits of a piece of the scan are better at equal bytes; shared with --within"},
     {.name = "bits",
-     .kind = OPTION_INT,
-     .argument = "N",
-     .minimum = 0,
-     .maximum = 10,
-     .fallback = "8",
+     .kind = OPTION_CHOICE,
+     .words = bits_words,
+     .fallback = "auto",
      .offset = offsetof(struct factor_settings, bits),
-     .sentence = "with --model terms, bits of a plane's values in the file; 0: half floats"},
+     .sentence =
+         "with --model terms, bits of a plane's values in the file, 0: half floats; auto: 8, "
+         "10 or 0, the first whose rounding adds less than a quarter to the error"},
     {.name = "method",
      .kind = OPTION_CHOICE,
      .words = method_words,
@@ -271,6 +280,40 @@ static void print_tries(const struct factor_summary *s, bool clustered)
     printf("%-26s %% of all points, as stored; * of a few points, while iterating\n", "");
 }
 
+static const char *kernels_word(const struct nacre_material *m)
+{
+    return kernels_words[m->radii > 0 ? FACTOR_KERNELS_RADIAL : FACTOR_KERNELS_FULL];
+}
+
+static const char *planes_word(const struct nacre_material *m)
+{
+    return planes_words[m->channels > 1 && m->factor_channels > 1 ? FACTOR_PLANES_SEPARATE
+                                                                  : FACTOR_PLANES_SHARED];
+}
+
+static void print_shape(const struct nacre_material *m)
+{
+    char bits[32] = "half floats";
+    if (m->bits > 0) {
+        (void)snprintf(bits, sizeof bits, "%d bits a value", m->bits);
+    }
+    printf("%-26s %s kernels; planes %s, %s\n", "shape", kernels_word(m),
+           m->channels == 1                               ? "of the one channel"
+           : strcmp(planes_word(m), planes_words[0]) == 0 ? "shared by the channels"
+                                                          : "of each channel",
+           bits);
+}
+
+/* What was chosen of a kernel per term, into the result. */
+static int add_shape(json_t *object, const struct nacre_material *m)
+{
+    return m->layout != NACRE_KERNEL_PER_TERM
+               ? 0
+               : json_object_update_new(object,
+                                        json_pack("{s:s, s:s, s:i}", "kernels", kernels_word(m),
+                                                  "planes", planes_word(m), "bits", m->bits));
+}
+
 static void print_text(const struct nacre_material *m, const struct factor_summary *s,
                        const struct opencl *opencl, const char *path)
 {
@@ -290,6 +333,9 @@ static void print_text(const struct nacre_material *m, const struct factor_summa
            s->seconds_reading + s->seconds_clustering + s->seconds_iterating + s->seconds_measuring,
            s->seconds_reading, s->seconds_clustering, s->seconds_iterating, s->seconds_measuring);
     printf("%-26s %.6g\n", "objective", s->objective);
+    if (!clustered) {
+        print_shape(m);
+    }
     printf("%-26s %s, made of responses held as %s\n", "stored as",
            m->pixel == NACRE_HALF ? "half floats" : "floats",
            s->half_responses ? "half floats" : "floats");
@@ -347,7 +393,7 @@ static json_t *to_json(const struct nacre_material *m, const struct factor_summa
         "seconds_measuring", s->seconds_measuring, "stopped_by", s->stopped_by, "error_held",
         s->error_held, "continued", s->continued, "seconds_per_iteration", s->seconds_step, "tried",
         tries_to_json(s), "warnings", warnings_to_json(m), "explained", explained);
-    if (!object || !rest || json_object_update(rest, object) != 0) {
+    if (!object || !rest || json_object_update(rest, object) != 0 || add_shape(rest, m) != 0) {
         json_decref(rest);
         rest = NULL;
     }
@@ -416,9 +462,9 @@ static struct factor_options to_options(const struct factor_settings *s)
     return (struct factor_options){
         .model = model_of(s),
         .reciprocity = (enum terms_reciprocity)s->reciprocal,
-        .full_kernels = s->kernels == 1,
-        .separate_planes = s->planes == 1,
-        .bits = s->bits == 1 ? 2 : s->bits,
+        .kernels = (enum factor_kernels)s->kernels,
+        .planes = (enum factor_planes)s->planes,
+        .bits = bits_meant[s->bits],
         .method = s->method == METHOD_AUTO ? FACTOR_METHOD_HALS : (enum factor_method)s->method,
         .weight = (enum factor_weight)s->weight,
         .terms = s->terms,

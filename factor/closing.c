@@ -8,12 +8,23 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Bits suffice where the error of rounded planes is at most so many times that of fitted ones, or more by so little. Two bits
+ * more are a quarter of the planes' bytes, which as terms take about as much off the error. */
+#define MOST_ROUNDED   1.25
+#define LEAST_ROUNDING 5e-4
+
+/* Where they are yet to be chosen, as many as they mostly are. */
+static int bits_of(const struct factor_options *o)
+{
+    return o->bits == FACTOR_BITS_AUTO ? FACTOR_BITS_LEAST : o->bits;
+}
+
 static int allocate(const struct factor_options *o, double pitch_mm, const struct problem *p,
                     struct nacre_material *m, struct nacre_error *error)
 {
     const struct responses *r = p->responses;
     if (p->data) {
-        return terms_material_allocate(o->seed, pitch_mm, p, m, error);
+        return terms_material_allocate(o->seed, bits_of(o), pitch_mm, p, m, error);
     }
     *m = (struct nacre_material){.width = r->width,
                                  .height = r->height,
@@ -113,6 +124,42 @@ int closing_make(const struct factor_options *o, double pitch_mm, const struct a
     }
     if (status != NACRE_OK) {
         nacre_material_finish(m);
+    }
+    return status;
+}
+
+/* The error of a few points with planes as they will be in the file. */
+static int measure_rounded(const struct probe *probe, const struct attempt *a, int bits,
+                           double *rounded, struct nacre_error *error)
+{
+    struct factors copy;
+    int status = factors_allocate(&copy, &a->problem, error);
+    if (status == NACRE_OK) {
+        factors_copy(&copy, &a->factors);
+        terms_material_round(&a->problem, bits, &copy);
+        *rounded = probe_measure(probe, &a->problem, &copy);
+    }
+    factors_finish(&copy);
+    return status;
+}
+
+int closing_choose_bits(const struct probe *probe, const struct attempt *attempt, int *bits,
+                        struct closing_rounding *rounding, struct nacre_error *error)
+{
+    static const int choices[] = {FACTOR_BITS_LEAST, 10, 0};
+    int status = NACRE_OK;
+    *rounding = (struct closing_rounding){
+        .fitted = probe_measure(probe, &attempt->problem, &attempt->factors)};
+    for (size_t i = 0; i < sizeof choices / sizeof *choices && status == NACRE_OK; i++) {
+        double rounded = 0;
+        status = measure_rounded(probe, attempt, choices[i], &rounded, error);
+        rounding->coarsest = i == 0 ? rounded : rounding->coarsest;
+        rounding->rounded = rounded;
+        *bits = choices[i];
+        if (rounded <= MOST_ROUNDED * rounding->fitted ||
+            rounded - rounding->fitted <= LEAST_ROUNDING) {
+            break;
+        }
     }
     return status;
 }

@@ -4,12 +4,22 @@
 
 #include "factor/attempt.h"
 #include "factor/factorize.h"
+#include "factor/probe.h"
 
 /* Make the material of an attempt's factors (method and history are the caller's to fill in) and measure it as it is
  * stored. The caller finishes both. */
 int closing_make(const struct factor_options *options, double pitch_mm,
                  const struct attempt *attempt, struct nacre_material *material,
                  struct error_report *report, struct nacre_error *error);
+
+/* Errors of a few points, with planes as fitted, of the fewest bits, and of the bits that were chosen. */
+struct closing_rounding {
+    double fitted, coarsest, rounded;
+};
+
+/* The fewest bits whose rounding adds less than a set share to the error of the attempt's factors: 8, 10, or 0. */
+int closing_choose_bits(const struct probe *probe, const struct attempt *attempt, int *bits,
+                        struct closing_rounding *rounding, struct nacre_error *error);
 
 /* Do the costly part of closing_make for a few rows of points of a blank material and forget the result. *share is the
  * share of the whole that this was. */

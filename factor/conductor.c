@@ -208,6 +208,28 @@ static bool is_better(const struct conductor *c)
     return a->error < b->error;
 }
 
+int conductor_make_material(const struct conductor *c, const struct attempt *a,
+                            struct nacre_material *material, struct error_report *report,
+                            struct nacre_error *error)
+{
+    struct factor_options options = *c->options;
+    struct closing_rounding found;
+    int status = NACRE_OK;
+    if (a->problem.data && options.bits == FACTOR_BITS_AUTO) {
+        status = closing_choose_bits(&c->probe, a, &options.bits, &found, error);
+        if (status == NACRE_OK) {
+            tell(&options.listener, "bits",
+                 "%d (0: half floats): the error of a few points is %.3g %% as fitted, %.3g %% "
+                 "with %d "
+                 "bits and %.3g %% as stored",
+                 options.bits, 100 * found.fitted, 100 * found.coarsest, FACTOR_BITS_LEAST,
+                 100 * found.rounded);
+        }
+    }
+    return status == NACRE_OK ? closing_make(&options, c->pitch_mm, a, material, report, error)
+                              : status;
+}
+
 /* Make `now` a material, to see whether its error as stored is what was asked for. */
 static int verify(struct conductor *c, struct nacre_error *error)
 {
@@ -215,7 +237,7 @@ static int verify(struct conductor *c, struct nacre_error *error)
     struct nacre_material material = {0};
     struct error_report report = {0};
     double begun = conductor_seconds(c);
-    int status = closing_make(c->options, c->pitch_mm, a, &material, &report, error);
+    int status = conductor_make_material(c, a, &material, &report, error);
     c->seconds_measuring += conductor_seconds(c) - begun;
     if (status != NACRE_OK) {
         return status;

@@ -28,7 +28,8 @@ enum { CONDUCTOR_ITERATIONS = 4 };
 struct conductor {
     const struct responses *responses;
     double pitch_mm;
-    const struct factor_options *options;
+    const struct factor_options *options; /* without auto kernels and planes */
+    int shaped_terms;                     /* with a kernel per term, where they are not given */
     const struct opencl *opencl;
     struct progress *progress;
     struct clock *clock;
@@ -96,6 +97,11 @@ static inline const struct terms_data *conductor_data(const struct conductor *c)
 {
     return c->data;
 }
+
+/* The material of an attempt, of as many bits as its planes need where that is auto. */
+int conductor_make_material(const struct conductor *conductor, const struct attempt *attempt,
+                            struct nacre_material *material, struct error_report *report,
+                            struct nacre_error *error);
 
 /* Make the method of `now`. */
 int conductor_make_method(struct conductor *conductor, struct nacre_error *error);

@@ -4,6 +4,7 @@
 #include "factor/conductor.h"
 #include "factor/layout.h"
 #include "factor/random.h"
+#include "factor/shape.h"
 #include "factor/terms.h"
 #include "factor/terms_material.h"
 
@@ -126,7 +127,8 @@ static void begin_shaped(struct conductor *c)
     const struct terms_data *d = c->data;
     struct search *s = &c->search;
     double sets = terms_data_sets(d) * d->copy_count, points = (double)s->points;
-    double bits = d->options.bits > 0 ? d->options.bits : 16;
+    int told = c->options->bits == FACTOR_BITS_AUTO ? FACTOR_BITS_LEAST : c->options->bits;
+    double bits = told > 0 ? told : 16;
     s->shaped = true;
     s->clusters = 1;
     s->plane_bytes = sets * points * bits / 8;
@@ -161,7 +163,7 @@ static void begin_search(struct conductor *c)
         s->most_clusters = (int)r->measured_count;
     }
     if (!chooses) {
-        s->terms = s->terms ? s->terms : s->shaped ? SHAPED_TERMS : DEFAULT_TERMS;
+        s->terms = s->terms ? s->terms : s->shaped ? c->shaped_terms : DEFAULT_TERMS;
         s->clusters = s->clusters                           ? s->clusters
                       : s->most_clusters < DEFAULT_CLUSTERS ? s->most_clusters
                                                             : DEFAULT_CLUSTERS;
@@ -242,7 +244,7 @@ static void explain(const struct conductor *c)
 static bool is_same_data(const struct terms_options *a, const struct terms_options *b)
 {
     return a->reciprocity == b->reciprocity && a->weight == b->weight && a->full == b->full &&
-           a->separate == b->separate && a->bits == b->bits;
+           a->separate == b->separate;
 }
 
 /* The responses as a kernel per term wants them: taken over from another run, or made. */
@@ -252,9 +254,8 @@ static int begin_data(struct conductor *c, struct nacre_error *error)
     const struct terms_options options = {
         .reciprocity = o->reciprocity,
         .weight = o->weight == FACTOR_WEIGHT_KERNEL ? TERMS_WEIGHT_KERNEL : TERMS_WEIGHT_RESPONSE,
-        .full = o->full_kernels,
-        .separate = o->separate_planes && c->responses->channels > 1,
-        .bits = o->bits};
+        .full = o->kernels == FACTOR_KERNELS_FULL,
+        .separate = o->planes == FACTOR_PLANES_SEPARATE && c->responses->channels > 1};
     struct prepared_data *slot = NULL;
     double begun = conductor_seconds(c);
     bool same = false;
@@ -294,9 +295,32 @@ static int prepare(struct conductor *c, struct nacre_error *error)
     return status;
 }
 
-static int begin(struct conductor *c, struct nacre_error *error)
+/* Replace what is auto of kernels and planes. */
+static int choose_shape(struct conductor *c, struct factor_options *o, struct nacre_error *error)
 {
-    const struct factor_options *o = c->options;
+    int terms = o->terms > 0 ? o->terms : SHAPED_TERMS;
+    struct shape shape = {.terms = terms};
+    bool wanted = o->kernels == FACTOR_KERNELS_AUTO || o->planes == FACTOR_PLANES_AUTO;
+    int status = NACRE_OK;
+    if (o->model == FACTOR_MODEL_TERMS && wanted && !conductor_has_deadline(c)) {
+        status = shape_choose(c->responses, &c->prepared->features, o, c->opencl, terms,
+                              c->progress, &shape, error);
+    } else if (o->model == FACTOR_MODEL_TERMS && wanted) {
+        tell(&o->listener, "kernels and planes",
+             "radial and shared where they are not given, as time is limited");
+        shape.full = o->kernels == FACTOR_KERNELS_FULL;
+        shape.separate = o->planes == FACTOR_PLANES_SEPARATE;
+    }
+    if (wanted) {
+        o->kernels = shape.full ? FACTOR_KERNELS_FULL : FACTOR_KERNELS_RADIAL;
+        o->planes = shape.separate ? FACTOR_PLANES_SEPARATE : FACTOR_PLANES_SHARED;
+    }
+    c->shaped_terms = shape.terms;
+    return status;
+}
+
+static int begin(struct conductor *c, struct factor_options *o, struct nacre_error *error)
+{
     int status = progress_step(c->progress, 0, 1, "clustering", error);
     if (status != NACRE_OK) {
         return status;
@@ -309,15 +333,15 @@ static int begin(struct conductor *c, struct nacre_error *error)
                           o->seconds, begun);
     }
     c->prepared = o->prepared ? o->prepared : &c->own;
-    if (o->model == FACTOR_MODEL_TERMS) {
-        status = begin_data(c, error);
-        if (status != NACRE_OK) {
-            return status;
-        }
-    }
-    begin_search(c);
     status = prepare(c, error);
     if (status == NACRE_OK) {
+        status = choose_shape(c, o, error);
+    }
+    if (status == NACRE_OK && o->model == FACTOR_MODEL_TERMS) {
+        status = begin_data(c, error);
+    }
+    if (status == NACRE_OK) {
+        begin_search(c);
         status = probe_begin(&c->probe, c->responses, PROBE_POINTS,
                              random_bits((uint64_t)o->seed, STREAM_PROBE), error);
     }
@@ -336,7 +360,7 @@ static int warn_of_rounding(struct conductor *c, struct nacre_material *m,
                             struct nacre_error *error)
 {
     struct attempt *a = &c->best;
-    if (!a->problem.data || m->bits == 0) {
+    if (!a->problem.data || m->bits == 0 || c->options->bits == FACTOR_BITS_AUTO) {
         return NACRE_OK;
     }
     double fitted = probe_measure(&c->probe, &a->problem, &a->factors);
@@ -359,7 +383,7 @@ static int complete(struct conductor *c, struct nacre_material *m, struct factor
         c->made_report = (struct error_report){0};
     }
     if (!m->f) {
-        status = closing_make(c->options, c->pitch_mm, a, m, &summary->error, error);
+        status = conductor_make_material(c, a, m, &summary->error, error);
         c->seconds_measuring += conductor_seconds(c) - begun;
     }
     if (status == NACRE_OK) {
@@ -430,9 +454,10 @@ int factorize_responses(const struct responses *r, double pitch_mm, const struct
                         struct nacre_error *error)
 {
     struct clock system = clock_monotonic();
+    struct factor_options chosen = *o;
     struct conductor c = {.responses = r,
                           .pitch_mm = pitch_mm,
-                          .options = o,
+                          .options = &chosen,
                           .opencl = opencl,
                           .progress = progress,
                           .clock = o->clock ? o->clock : &system};
@@ -442,7 +467,7 @@ int factorize_responses(const struct responses *r, double pitch_mm, const struct
     *summary = (struct factor_summary){.half_responses = r->half};
     int status = check(r, o, error);
     if (status == NACRE_OK) {
-        status = begin(&c, error);
+        status = begin(&c, &chosen, error);
     }
     if (status == NACRE_OK) {
         double begun = conductor_seconds(&c) - c.seconds_clustering - c.seconds_measuring;

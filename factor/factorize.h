@@ -40,6 +40,13 @@ enum factor_model {
     FACTOR_MODEL_TERMS,    /* sum_t F g_t H and the centre: factor/terms_data.h */
 };
 
+/* With a kernel per term. Auto ones are chosen for the least error at equal bytes: factor/shape.h. */
+enum factor_kernels { FACTOR_KERNELS_RADIAL, FACTOR_KERNELS_FULL, FACTOR_KERNELS_AUTO };
+enum factor_planes { FACTOR_PLANES_SHARED, FACTOR_PLANES_SEPARATE, FACTOR_PLANES_AUTO };
+
+/* Bits of planes: 2 to 10, 0 for half floats, or auto: the fewest from the least on that do. */
+enum { FACTOR_BITS_AUTO = -1, FACTOR_BITS_LEAST = 8 };
+
 /* Another maker of methods than those that `method` names, as tests have it. */
 struct method_maker {
     int (*make)(void *data, const struct problem *problem, struct method **method,
@@ -78,9 +85,9 @@ struct factor_options {
 
     /* With a kernel per term. */
     enum terms_reciprocity reciprocity;
-    bool full_kernels;    /* else radial */
-    bool separate_planes; /* of each channel, else shared by all */
-    int bits;             /* of planes in the file; 0: not quantised */
+    enum factor_kernels kernels;
+    enum factor_planes planes; /* shared by the channels, or each channel's own */
+    int bits;                  /* of planes in the file */
 
     const char
         *checkpoint; /* a file to keep the state of the run in and to go on from; NULL: none */

@@ -72,8 +72,9 @@ static char *identify(const struct conductor *c)
     unsigned long long contents = 0;
     char model[96];
     (void)snprintf(model, sizeof model, "terms, %s kernels, %s planes of %d bits, reciprocity %d",
-                   o->full_kernels ? "full" : "radial", o->separate_planes ? "separate" : "shared",
-                   o->bits, (int)o->reciprocity);
+                   o->kernels == FACTOR_KERNELS_FULL ? "full" : "radial",
+                   o->planes == FACTOR_PLANES_SEPARATE ? "separate" : "shared", o->bits,
+                   (int)o->reciprocity);
     if (!sum_responses(r, &contents)) {
         return NULL;
     }

@@ -29,16 +29,20 @@ static size_t area_of(const struct responses *r)
     return (size_t)r->window * (size_t)r->window;
 }
 
+/* Up to the first beyond the window's corners. */
+int terms_radii(int window)
+{
+    const int half = window / 2;
+    int farthest = (int)ceil(hypot(half, half));
+    return NEAR_SQUARES + (farthest > NEAR ? farthest - NEAR : 0);
+}
+
 static void list_radii(struct terms_grid *g)
 {
-    int half = g->window / 2;
-    double farthest = hypot(half, half);
-    g->count = 0;
-    for (int i = 0; i < NEAR_SQUARES; i++) {
-        g->radius[g->count++] = sqrtf((float)near_squares[i]);
-    }
-    for (int r = NEAR + 1; (double)g->radius[g->count - 1] < farthest; r++) {
-        g->radius[g->count++] = (float)r;
+    g->count = terms_radii(g->window);
+    for (int i = 0; i < g->count; i++) {
+        g->radius[i] =
+            i < NEAR_SQUARES ? sqrtf((float)near_squares[i]) : (float)(NEAR + 1 + i - NEAR_SQUARES);
     }
 }
 

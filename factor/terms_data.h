@@ -25,7 +25,6 @@ struct terms_options {
     enum terms_weight weight; /* W^2 = 1 / ||R_i||^2, or 1 / the mean response */
     bool full;                /* kernels of K x K numbers; else they depend on the distance alone */
     bool separate;            /* each colour channel has planes of its own */
-    int bits;                 /* of the planes in the file: 2 to 10, or 0: not quantised */
 };
 
 /* Where the numbers of a kernel stand. */
@@ -73,6 +72,9 @@ struct terms_pair {
 /* Of entry (u, v) of (x, y), which lies inside the sample. */
 struct terms_pair terms_data_pair(const struct terms_data *data, int channel, int x, int y, int u,
                                   int v);
+
+/* How many numbers a radial kernel has. */
+int terms_radii(int window);
 
 /* A kernel[K][K] of its numbers. */
 void terms_grid_spread(const struct terms_grid *grid, const float *numbers, float *kernel);

@@ -21,7 +21,7 @@ enum { CENTRE_BITS = 8, ALBEDO_BITS = 6 };
 /* The least value that half floats hold with all their digits. */
 #define HALF_LEAST 0x1p-14F
 
-int terms_material_allocate(int seed, double pitch_mm, const struct problem *p,
+int terms_material_allocate(int seed, int bits, double pitch_mm, const struct problem *p,
                             struct nacre_material *m, struct nacre_error *error)
 {
     const struct terms_data *d = p->data;
@@ -34,7 +34,7 @@ int terms_material_allocate(int seed, double pitch_mm, const struct problem *p,
                                  .terms = p->terms,
                                  .layout = NACRE_KERNEL_PER_TERM,
                                  .pixel = NACRE_HALF,
-                                 .bits = d->options.bits,
+                                 .bits = bits,
                                  .radii = d->grid.radius ? d->grid.count : 0,
                                  .pitch_mm = pitch_mm,
                                  .seed = seed};

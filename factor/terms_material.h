@@ -6,8 +6,8 @@
 
 #include "nacre/material.h"
 
-/* Room for the material of a problem with a kernel per term. */
-int terms_material_allocate(int seed, double pitch_mm, const struct problem *problem,
+/* Room for the material of a problem with a kernel per term, planes of so many bits, 0: half floats. */
+int terms_material_allocate(int seed, int bits, double pitch_mm, const struct problem *problem,
                             struct nacre_material *material, struct nacre_error *error);
 
 /* Fill it, as the file will have it. */

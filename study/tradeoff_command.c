@@ -49,7 +49,8 @@ char *tradeoff_command(const struct tradeoff *t, const struct tradeoff_request *
     write_argument(line, request->scan);
     (void)fputs(" -o material.exr", line);
     if (s->model == FACTOR_MODEL_TERMS) {
-        (void)fprintf(line, " --model terms --terms %d --bits %d", s->terms, point->bits);
+        (void)fprintf(line, " --model terms --terms %d --kernels radial --planes shared --bits %d",
+                      s->terms, point->bits);
     } else {
         (void)fprintf(line, " --model clusters --method %s --terms %d --clusters %d",
                       s->method == FACTOR_METHOD_MU ? "mu" : "hals", s->terms, s->clusters);

@@ -84,16 +84,9 @@ static int add_point(struct runner *r, const struct factor_look *look, enum fact
     struct nacre_material material = {0};
     struct error_report report = {0};
     double begun = seconds_of(r);
-    struct attempt attempt = *look->attempt; /* borrows all of it */
-    struct terms_data data;
     options.store = store;
     options.bits = bits;
-    if (attempt.problem.data) {
-        data = *attempt.problem.data;
-        data.options.bits = bits;
-        attempt.problem.data = &data;
-    }
-    int status = closing_make(&options, r->pitch_mm, &attempt, &material, &report, error);
+    int status = closing_make(&options, r->pitch_mm, look->attempt, &material, &report, error);
     if (status == NACRE_OK && t->point_count < TRADEOFF_POINTS) {
         double took = seconds_of(r) - begun;
         t->points[t->point_count++] = (struct tradeoff_point){

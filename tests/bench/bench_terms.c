@@ -51,7 +51,7 @@ static void make(const struct sample *s, const struct opencl *opencl, bool burst
                  struct made *made)
 {
     const struct factor_options options = factor_options_default();
-    const struct terms_options how = {.bits = 8};
+    const struct terms_options how = {0};
     struct field field = field_new(s->kind, s->width, s->height, s->window, s->channels, CASE_SEED);
     struct factor_prepared prepared = {0};
     struct nacre_error error = {0};

@@ -223,7 +223,12 @@ static void one_term_is_found_on_the_scan(void)
     char *path = path_join(folder, "factored.exr");
     struct nacre_material m = {0};
     struct nacre_error error = {""};
-    free(RUN("factor", scan, "-o", path, "--terms", "1", "--planes", "separate", "--json"));
+    char *told = RUN("factor", scan, "-o", path, "--terms", "1", "--planes", "separate", "--bits",
+                     "8", "--json");
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(told, "\"planes\": \"separate\""), told);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(told, "\"kernels\": \"radial\""), told);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(told, "\"bits\": 8"), told);
+    free(told);
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, nacre_material_read(path, &m, &error), error.text);
     TEST_ASSERT_EQUAL_INT(NACRE_KERNEL_PER_TERM, m.layout);
     TEST_ASSERT_EQUAL_INT(1, m.terms);

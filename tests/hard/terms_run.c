@@ -28,8 +28,8 @@ static void open_stage(struct stage *s, const struct hard_case *hard, const stru
                        enum hard_start start, int terms)
 {
     struct factor_options options = factor_options_default();
-    const struct terms_options how = {
-        .reciprocity = start >= HARD_RECIPROCAL ? TERMS_RECIPROCAL : TERMS_AUTO, .bits = 8};
+    const struct terms_options how = {.reciprocity =
+                                          start >= HARD_RECIPROCAL ? TERMS_RECIPROCAL : TERMS_AUTO};
     struct factor_prepared prepared = {0};
     struct nacre_error error = {0};
     struct sample sample = hard_sample(hard);
