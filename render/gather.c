@@ -98,7 +98,7 @@ static int measure(struct run *run, const struct levels *levels, double *off,
  * light is to be taken sample by sample. */
 static int choose(struct run *run, struct levels *chosen, struct nacre_error *error)
 {
-    double tolerance = run->gather->tolerance, aim = 1.2 * tolerance; /* often enough */
+    double tolerance = run->gather->tolerance, aim = tolerance;
     int status = levels_make(chosen, run->gather->appearance, 0, error);
     for (int i = 0; status == NACRE_OK && tolerance > 0 && i < TRIES; i++) {
         struct levels levels = {0};

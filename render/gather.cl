@@ -70,7 +70,7 @@ struct ring {
 
 /* Where the kernels are read: the offset's whole part and fraction in a table. */
 struct offsets {
-    float16 dx, dy, fx, fy, square; /* mm^2 */
+    float16 dx, dy, fx, fy, distance; /* mm */
     int16 inside, place, foreign;
 };
 
@@ -87,7 +87,6 @@ INLINE struct offsets offsets_from(const struct bundle *to, __global const struc
     struct offsets o;
     float16 ox = to->px - from->px, oy = to->py - from->py, oz = to->pz - from->pz;
     float16 square = fma(ox, ox, fma(oy, oy, oz * oz));
-    o.square = square;
     o.inside = (square >= ring->inner_square) & (square < ring->outer_square);
     if (SAME_SIDE) {
         o.inside &= fma(to->nx, from->nx, fma(to->ny, from->ny, to->nz * from->nz)) > 0;
@@ -102,7 +101,8 @@ INLINE struct offsets offsets_from(const struct bundle *to, __global const struc
     int16 along = across > 1e-10f * square;
     a = select((float16)1, a, along);
     b = select((float16)0, b, along);
-    float16 scale = sqrt(square / select((float16)1, across, along)) * (1 / POINT_MM);
+    o.distance = sqrt(square);
+    float16 scale = o.distance * rsqrt(select((float16)1, across, along)) * (1 / POINT_MM);
     o.dx = a * scale;
     o.dy = b * scale;
     float half_side = ring->side / 2, last = 2 * half_side * 0x1.fffffep-1f; /* just inside the table */
@@ -126,15 +126,39 @@ INLINE float16 rise(float16 r, float from, float steepness)
     return t * t * t * fma(t, fma((float16)6, t, (float16)-15), (float16)10);
 }
 
-INLINE float16 window(const struct bundle *to, __global const struct source *from, const struct ring *ring)
+/* What a ring has of a source by its distance in mm. */
+INLINE float16 window(float16 distance, const struct ring *ring)
 {
-    float16 x = to->px - from->middle[0], y = to->py - from->middle[1], z = to->pz - from->middle[2];
-    float16 r = sqrt(fma(x, x, fma(y, y, z * z))) * (1 / POINT_MM);
+    float16 r = distance * (1 / POINT_MM);
     float16 share = (float16)1 - rise(r, ring->fall_from, ring->fall_steepness);
     if (any((r - ring->rise_from) * ring->rise_steepness < 1)) { /* few sources are as near */
         share -= (float16)1 - rise(r, ring->rise_from, ring->rise_steepness);
     }
     return share;
+}
+
+/* From where a sample is told apart by rings. */
+INLINE float16 distance_by_middle(const struct bundle *to, __global const struct source *from)
+{
+    float16 x = to->px - from->middle[0], y = to->py - from->middle[1], z = to->pz - from->middle[2];
+    return sqrt(fma(x, x, fma(y, y, z * z)));
+}
+
+/* A bit for each lane; loops over those that are set take no branch that cannot be foreseen for the others. */
+INLINE uint bits_of(int16 lanes)
+{
+    int16 bits = lanes & (int16)(1, 2, 4, 8, 16, 32, 64, 128, 256, 512, 1024, 2048, 4096, 8192, 16384, 32768);
+    int8 by8 = bits.lo | bits.hi;
+    int4 by4 = by8.lo | by8.hi;
+    return as_uint(by4.x | by4.y | by4.z | by4.w);
+}
+
+/* Takes the lowest lane from the set. */
+INLINE int take_lane(uint *set)
+{
+    int lane = 31 - (int)clz(*set & (0 - *set));
+    *set &= *set - 1;
+    return lane;
 }
 
 /* Whether a source is too far from all of the receivers. */
@@ -213,8 +237,8 @@ INLINE int2 seen_point(const struct bundle *to, const struct offsets *o, int j)
 }
 
 /* What a source that is near in the texture, too, gives those that see it: its F and kernel are read once for all. */
-INLINE void add_own(const struct bundle *to, __global const struct source *from, const struct offsets *o, float16 share,
-                    int side, float4 *sums, __global const float16 *factors, __global const float16 *h,
+INLINE void add_own(const struct bundle *to, __global const struct source *from, const struct offsets *o, uint seeing,
+                    float16 share, int side, float4 *sums, __global const float16 *factors, __global const float16 *h,
                     __global const float4 *kernels, __global const uint *ids)
 {
     float4 flux = (float4)(from->red, from->green, from->blue, 0);
@@ -225,17 +249,16 @@ INLINE void add_own(const struct bundle *to, __global const struct source *from,
     for (int k = 0; k < TERMS4; k++) {
         f[k] = factors[(size_t)from->texel * TERMS4 + k] * (float16)(flux, flux, flux, flux);
     }
-    for (int j = 0; j < LANES; j++) {
-        if (LANE(o->inside, int, j)) {
-            float16 sum = f[0] * h[j * TERMS4];
+    for (uint set = seeing; set != 0;) {
+        int j = take_lane(&set);
+        float16 sum = f[0] * h[j * TERMS4];
 #pragma unroll
-            for (int k = 1; k < TERMS4; k++) {
-                sum = fma(f[k], h[j * TERMS4 + k], sum);
-            }
-            size_t place = LANE(o->place, int, j) + (CLUSTERS ? LANE(to->column, int, j) * (side * side) : 0);
-            float4 value = between4(table + place, side, LANE(o->fx, float, j), LANE(o->fy, float, j));
-            sums[j] = fma(fold(sum), value * LANE(share, float, j), sums[j]);
+        for (int k = 1; k < TERMS4; k++) {
+            sum = fma(f[k], h[j * TERMS4 + k], sum);
         }
+        size_t place = LANE(o->place, int, j) + (CLUSTERS ? LANE(to->column, int, j) * (side * side) : 0);
+        float4 value = between4(table + place, side, LANE(o->fx, float, j), LANE(o->fy, float, j));
+        sums[j] = fma(fold(sum), value * LANE(share, float, j), sums[j]);
     }
 }
 
@@ -246,9 +269,9 @@ struct runs {
     uint count; /* of the sources */
 };
 
-/* What samples, or surface points' light, give each vertex of a bundle. */
-INLINE void add_near(const struct bundle *to, size_t index, const struct runs *runs, const struct ring *ring, float4 *sums,
-              __global const float16 *factors, __global const float16 *h, __global const float4 *kernels,
+/* What samples, or surface points' light (`own`: it is at its own middle), give each vertex of a bundle. */
+INLINE void add_near(const struct bundle *to, size_t index, const struct runs *runs, bool own, const struct ring *ring,
+              float4 *sums, __global const float16 *factors, __global const float16 *h, __global const float4 *kernels,
               __global const uint *ids, __global const float *weights)
 {
     for (uint i = runs->starts[index]; i < runs->starts[index + 1]; i++) {
@@ -259,28 +282,28 @@ INLINE void add_near(const struct bundle *to, size_t index, const struct runs *r
                 continue;
             }
             struct offsets o = offsets_from(to, from, ring);
-            if (!any(o.inside)) {
+            uint seeing = bits_of(o.inside);
+            if (seeing == 0) {
                 continue;
             }
             bool windowed = ring->rise_from > 0 || ring->fall_from < FARTHEST;
-            float16 share = windowed ? window(to, from, ring) : (float16)1;
+            float16 share = windowed ? window(own ? o.distance : distance_by_middle(to, from), ring) : (float16)1;
 #if !PER_TERM && MIXED == 1
             if (!any(o.inside & o.foreign)) {
-                add_own(to, from, &o, share, ring->side, sums, factors, h, kernels, ids);
+                add_own(to, from, &o, seeing, share, ring->side, sums, factors, h, kernels, ids);
                 continue;
             }
 #endif
             float4 flux = (float4)(from->red, from->green, from->blue, 0);
-            for (int j = 0; j < LANES; j++) {
-                if (LANE(o.inside, int, j)) {
-                    struct sight at = {from->texel, LANE(to->column, int, j), LANE(o.place, int, j), ring->side,
-                                       LANE(o.fx, float, j), LANE(o.fy, float, j)};
-                    if (LANE(o.foreign, int, j)) {
-                        int2 seen = seen_point(to, &o, j);
-                        at.texel = seen.x * WIDTH + seen.y;
-                    }
-                    sums[j] += LANE(share, float, j) * flux * response(&at, factors, h + j * TERMS4, kernels, ids, weights);
+            for (uint set = seeing; set != 0;) {
+                int j = take_lane(&set);
+                struct sight at = {from->texel, LANE(to->column, int, j), LANE(o.place, int, j), ring->side,
+                                   LANE(o.fx, float, j), LANE(o.fy, float, j)};
+                if (LANE(o.foreign, int, j)) {
+                    int2 seen = seen_point(to, &o, j);
+                    at.texel = seen.x * WIDTH + seen.y;
                 }
+                sums[j] += LANE(share, float, j) * flux * response(&at, factors, h + j * TERMS4, kernels, ids, weights);
             }
         }
     }
@@ -360,23 +383,19 @@ __kernel void gather_squares(uint first, __global const struct bundle *bundles, 
                 continue;
             }
             struct offsets o = offsets_from(&to, from, &ring);
-            if (!any(o.inside)) {
-                continue;
-            }
-            for (int j = 0; j < LANES; j++) {
-                if (LANE(o.inside, int, j)) {
-                    __global const float16 *moment = moments + (size_t)s * MOMENT;
-                    float4 flux = (float4)(1, 1, 1, 0);
-                    if (LANE(o.foreign, int, j)) {
-                        int2 seen = seen_point(&to, &o, j) >> ring.level;
-                        moment = pyramid + (size_t)(seen.x * columns + seen.y) * MOMENT;
-                        flux = (float4)(from->red, from->green, from->blue, 0);
-                    }
-                    size_t table = CLUSTERS ? (size_t)LANE(to.column, int, j) * (ring.side * ring.side) : 0;
-                    add_square(sums + j * TERMS4, moment, flux,
-                               kernels + (table + LANE(o.place, int, j)) * (PER_TERM ? 4 * TERMS4 : PARTS), ring.side,
-                               LANE(o.fx, float, j), LANE(o.fy, float, j));
+            for (uint set = bits_of(o.inside); set != 0;) {
+                int j = take_lane(&set);
+                __global const float16 *moment = moments + (size_t)s * MOMENT;
+                float4 flux = (float4)(1, 1, 1, 0);
+                if (LANE(o.foreign, int, j)) {
+                    int2 seen = seen_point(&to, &o, j) >> ring.level;
+                    moment = pyramid + (size_t)(seen.x * columns + seen.y) * MOMENT;
+                    flux = (float4)(from->red, from->green, from->blue, 0);
                 }
+                size_t table = CLUSTERS ? (size_t)LANE(to.column, int, j) * (ring.side * ring.side) : 0;
+                add_square(sums + j * TERMS4, moment, flux,
+                           kernels + (table + LANE(o.place, int, j)) * (PER_TERM ? 4 * TERMS4 : PARTS), ring.side,
+                           LANE(o.fx, float, j), LANE(o.fy, float, j));
             }
         }
     }
@@ -409,11 +428,13 @@ __kernel void gather(uint first, __global const struct bundle *bundles, __global
     for (int j = 0; j < LANES; j++) {
         sums[j] = 0;
     }
-    const struct runs one_by_one = {sample_starts, sample_list, samples, sample_count};
-    add_near(&to, index, &one_by_one, &sample_ring, sums, factors, h, kernels, ids, weights);
+    if (sample_count > 0) {
+        const struct runs one_by_one = {sample_starts, sample_list, samples, sample_count};
+        add_near(&to, index, &one_by_one, false, &sample_ring, sums, factors, h, kernels, ids, weights);
+    }
     if (point_count > 0) {
         const struct runs by_points = {point_starts, point_list, points, point_count};
-        add_near(&to, index, &by_points, &point_ring, sums, factors, h, point_kernels, ids, weights);
+        add_near(&to, index, &by_points, true, &point_ring, sums, factors, h, point_kernels, ids, weights);
     }
     for (int j = 0; j < LANES; j++) {
         size_t receiver = LANE(to.index, int, j);

@@ -138,15 +138,18 @@ static void set_runs(const struct run *run, struct device_arguments *arguments,
     device_set_number(arguments, sources->count);
 }
 
-/* A ring of samples or points, windowed where it is read. */
+/* A ring of samples or points, windowed where it is read; they lie at most `apart` from the middle by which they are told.
+ * A ring of no width has no sources. */
 static void set_near(const struct run *run, struct device_arguments *arguments,
-                     const struct stage *stage, const struct source_set *sources, struct ring ring,
+                     const struct source_set *sources, struct ring ring, double apart,
                      struct reach *reach)
 {
-    double point = run->stock->gather->mapping->point_mm, inner = LEVELS_RISE * ring.begin;
-    double outer =
-        fmin(ring.end + away,
-             farthest / point); /* a sample is that far from the middle by which it is told */
+    const struct stage *stage = &run->stages[0];
+    const struct source_set none = {0};
+    double point = run->stock->gather->mapping->point_mm;
+    double inner = fmax(LEVELS_RISE * ring.begin - apart, 0);
+    double outer = fmin(ring.end + apart, farthest / point);
+    sources = ring.end > ring.begin ? sources : &none;
     struct device_ring out = {.inner_square = (float)(inner * inner * point * point),
                               .outer_square = (float)(outer * outer * point * point),
                               .side = run->levels->near_side,
@@ -155,8 +158,8 @@ static void set_near(const struct run *run, struct device_arguments *arguments,
                               .fall_from = (float)farthest,
                               .fall_steepness = 1};
     if (ring.begin > 0) {
-        out.rise_from = (float)inner;
-        out.rise_steepness = (float)(1 / (ring.begin - inner));
+        out.rise_from = (float)(LEVELS_RISE * ring.begin);
+        out.rise_steepness = (float)(1 / ((1 - LEVELS_RISE) * ring.begin));
     }
     if (isfinite(ring.end)) {
         out.fall_from = (float)(LEVELS_RISE * ring.end);
@@ -256,9 +259,9 @@ static int gather_vertices(struct run *run, cl_mem out, struct nacre_error *erro
         .memory = &run->memory, .kernel = run->pass->device->gather, .count = 1, .error = error};
     set_bundles(&arguments, stage);
     set_h(run, &arguments);
-    set_near(run, &arguments, stage, levels->merges ? &run->stock->samples : &run->stock->by_kernel,
-             levels->samples, &run->reaches[0]);
-    set_near(run, &arguments, stage, &run->stock->sources.points, levels->points, &run->reaches[1]);
+    set_near(run, &arguments, levels->merges ? &run->stock->samples : &run->stock->by_kernel,
+             levels->samples, away, &run->reaches[0]);
+    set_near(run, &arguments, &run->stock->sources.points, levels->points, 0, &run->reaches[1]);
     device_set_shared(&arguments, levels->near, table);
     set_point_kernels(run, &arguments, table);
     set_factors(run, &arguments);

@@ -7,7 +7,14 @@
 
 /* Errors of pairs have either sign, and light around a place cancels most of them: about this share of the sum of their
  * bounds is seen, by bench_render. gather.c measures what it is. */
-static const double seen_of_points = 0.07, seen_of_squares = 0.12;
+static const double seen_of_points = 0.1, seen_of_squares = 0.075;
+
+/* Surface points may take up so much of the tolerance. */
+static const double share_of_points = 0.6;
+
+/* Larger squares set in no farther out than this share of the half window: there they would save little, and blur its edge.
+ * And squares set in from so many surface points on. */
+static const double farthest_begin = 0.5, nearest_squares = 3;
 
 /* 0 up to `from`, 1 from `to` on, twice differentiable. */
 static double rise(double r, double from, double to)
@@ -33,18 +40,28 @@ static double bound_of(const struct basis *basis, double size, double begin, dou
 {
     double sum = 0;
     for (int step = 0; step < basis->steps; step++) {
-        double r = step;
-        sum += r > 0.7 * begin && r <= 0.7 * end ? basis->bend[step] : 0;
+        double above = fmin(fmax(step + 0.5 - 0.7 * begin, 0), 1);
+        double below = fmin(fmax(0.7 * end + 0.5 - step, 0), 1);
+        sum += fmax(above + below - 1, 0) * basis->bend[step];
     }
     return size * size / 8 * sum;
 }
 
-static double estimate_squares(const struct basis *basis, double first)
+/* Whether squares that set in at `begin` are the last ones, by the number of sizes before them. */
+static bool are_last(int before, double begin, double half)
+{
+    return before + 1 == LEVELS_MAXIMUM || 2 * begin >= farthest_begin * half;
+}
+
+static double estimate_squares(const struct basis *basis, double first, double half)
 {
     double sum = 0, size = 2;
     for (int i = 0; i < LEVELS_MAXIMUM; i++) {
-        double end = i + 1 < LEVELS_MAXIMUM ? 2 * first : HUGE_VAL;
-        sum += bound_of(basis, size, first, end);
+        bool last = are_last(i, first, half);
+        sum += bound_of(basis, size, first, last ? HUGE_VAL : 2 * first);
+        if (last) {
+            break;
+        }
         first *= 2;
         size *= 2;
     }
@@ -173,8 +190,8 @@ static int cut_basis(struct levels *levels, const struct appearance *appearance,
 static double choose_squares(const struct levels *levels, const struct basis *basis, double half,
                              double tolerance)
 {
-    double first = 4.5, allowed = tolerance - levels->estimate;
-    while (first < half && !(estimate_squares(basis, first) <= allowed)) {
+    double first = nearest_squares, allowed = tolerance - levels->estimate;
+    while (first < half && !(estimate_squares(basis, first, half) <= allowed)) {
         first *= 1.05;
     }
     return first < half ? first : HUGE_VAL;
@@ -184,11 +201,11 @@ int levels_make(struct levels *levels, const struct appearance *appearance, doub
                 struct nacre_error *error)
 {
     const struct basis *basis = &appearance->basis;
-    double half = appearance->window / 2 + 1, first = 1; /* NOLINT: K is odd */
+    double half = appearance->window / 2 + 1, first = 0; /* NOLINT: K is odd */
     *levels = (struct levels){0};
     while (first < half &&
-           !(seen_of_points * bound_of(basis, 1, first, HUGE_VAL) <= tolerance / 2)) {
-        first *= 1.2;
+           !(seen_of_points * bound_of(basis, 1, first, HUGE_VAL) <= share_of_points * tolerance)) {
+        first = fmax(1.2 * first, 1);
     }
     levels->merges = tolerance > 0 && first < half;
     double merge = levels->merges ? first : HUGE_VAL, squares = HUGE_VAL;
@@ -202,13 +219,13 @@ int levels_make(struct levels *levels, const struct appearance *appearance, doub
     if (status == NACRE_OK && levels->merges) {
         status = bend_points(levels, appearance, error);
     }
-    levels->estimate += isfinite(squares) ? estimate_squares(basis, squares) : 0;
-    for (int i = 0; status == NACRE_OK && i < LEVELS_MAXIMUM && squares < 1.2 * half; i++) {
-        bool last = i + 1 == LEVELS_MAXIMUM || 2 * squares >= 1.2 * half;
+    levels->estimate += isfinite(squares) ? estimate_squares(basis, squares, half) : 0;
+    for (int i = 0; status == NACRE_OK && i < LEVELS_MAXIMUM && isfinite(squares); i++) {
+        bool last = are_last(i, squares, half);
         status = cut_basis(levels, appearance, i,
                            (struct ring){squares, last ? HUGE_VAL : 2 * squares}, error);
         levels->count++;
-        squares *= 2;
+        squares = last ? HUGE_VAL : 2 * squares;
     }
     if (status != NACRE_OK) {
         levels_finish(levels);

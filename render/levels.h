@@ -15,7 +15,7 @@
 enum { LEVELS_MAXIMUM = 4 };
 
 /* Where a ring sets in, having risen since LEVELS_RISE times as near, and where the next one has taken over, in surface
- * points; 0 and HUGE_VAL where it is the first and the last. */
+ * points; 0 and HUGE_VAL where it is the first and the last. The ring of samples may have no width. */
 struct ring {
     double begin, end;
 };
