@@ -1,77 +1,7 @@
-/* Refining plain meshes for the camera and lighting their vertices. */
+/* Lighting the vertices of plain meshes. */
 #include "render/plain.h"
 
-#include "render/effects.h"
-
-enum {
-    FIRST_SPLITS =
-        48, /* over the largest extent, so that no visible middle hides between unseen edges */
-    VERTICES_A_STEP = 4096,
-};
-
-static const double edge_pixels = 8, contact_pixels = 0.4;
-
-struct view {
-    struct vec3 position, forward;
-    double pixel;      /* angle, radians */
-    double cos_corner; /* of the angle to the picture's corner, with a margin */
-    bool around;       /* the camera goes round the vertical through `at` */
-    struct vec3 at;
-    const struct world *others; /* or NULL */
-};
-
-/* Where the camera comes nearest to a point. */
-static struct vec3 nearest_position(const struct view *view, struct vec3 point)
-{
-    struct vec3 arm = vec3_subtract(view->position, view->at);
-    struct vec3 towards = vec3_subtract(point, view->at);
-    double radius = hypot(arm.x, arm.y), length = fmax(hypot(towards.x, towards.y), 1e-9);
-    return (struct vec3){view->at.x + towards.x / length * radius,
-                         view->at.y + towards.y / length * radius, view->position.z};
-}
-
-static double allowed_in_view(const void *context, struct vec3 a, struct vec3 b)
-{
-    const struct view *view = context;
-    struct vec3 middle = vec3_scale(vec3_add(a, b), 0.5);
-    struct vec3 way =
-        vec3_subtract(middle, view->around ? nearest_position(view, middle) : view->position);
-    double distance = vec3_length(way), half = vec3_length(vec3_subtract(b, a)) / 2;
-    double off = acos(fmin(fmax(vec3_dot(vec3_unit(way), view->forward), -1), 1));
-    double reach = distance > half ? asin(half / distance) : 2;
-    if (!view->around && off - reach > acos(view->cos_corner)) {
-        return HUGE_VAL; /* out of the picture */
-    }
-    double pixel_mm = fmax(distance - half, distance / 4) * view->pixel;
-    bool cut = view->others && 2 * half > contact_pixels * pixel_mm &&
-               2 * half <= edge_pixels * pixel_mm && world_crossed(view->others, a, b);
-    return pixel_mm * (cut ? contact_pixels : edge_pixels);
-}
-
-int plain_refine(struct mesh *mesh, const struct scene *scene, bool around,
-                 const struct world *others, size_t limit, struct nacre_error *error)
-{
-    const struct scene_camera *camera = &scene->camera;
-    struct vec3 low, high, position = vec3_from_doubles(camera->position_mm);
-    double half = tan(camera->angle_deg / 2 * acos(-1.0) / 180);
-    double aspect = (double)scene->image.height / scene->image.width;
-    bool limited;
-    mesh_bounds(mesh, &low, &high);
-    double even = vec3_length(vec3_subtract(high, low)) / FIRST_SPLITS;
-    struct view view = {
-        .position = position,
-        .forward = vec3_unit(vec3_subtract(vec3_from_doubles(camera->at_mm), position)),
-        .pixel = 2 * half / scene->image.width,
-        .around = around,
-        .at = vec3_from_doubles(camera->at_mm),
-        .others = others,
-        .cos_corner = cos(fmin(atan(half * hypot(1, aspect)) * 1.05, 1.5)),
-    };
-    if (mesh_subdivide(mesh, mesh_edge_even, &even, limit, &limited, error) != NACRE_OK) {
-        return NACRE_FAILED;
-    }
-    return mesh_subdivide(mesh, allowed_in_view, &view, limit, &limited, error);
-}
+enum { VERTICES_A_STEP = 4096 };
 
 static void light_vertex(const struct lighting *lighting, enum plain_light which,
                          const struct lit_point *point, double sum[3], struct light_work *work)

@@ -107,24 +107,14 @@ void preview_mesh_finish(struct preview_mesh *made)
     *made = (struct preview_mesh){0};
 }
 
-/* Whether a sphere reaches beyond none of the pyramid's sides, nor behind its tip. */
-static bool in_view(const struct preview_piece *piece, const struct view *view)
-{
-    struct vec3 way = vec3_subtract(piece->middle, view->position);
-    double depth = vec3_dot(way, view->forward), radius = piece->radius_mm;
-    return depth > -radius &&
-           fabs(vec3_dot(way, view->right)) - depth * view->tan_x <
-               radius * hypot(1, view->tan_x) &&
-           fabs(vec3_dot(way, view->up)) - depth * view->tan_y < radius * hypot(1, view->tan_y);
-}
-
 void preview_mesh_draw(const struct preview_mesh *made, const struct osmesa *gl,
                        const struct view *view)
 {
     gl->BindVertexArray(made->array);
     for (size_t i = 0; i < made->piece_count;) {
         size_t first = i, count = 0;
-        while (i < made->piece_count && in_view(&made->pieces[i], view)) {
+        while (i < made->piece_count &&
+               view_meets(view, made->pieces[i].middle, made->pieces[i].radius_mm)) {
             count += made->pieces[i++].count; /* neighbours in one go */
         }
         if (count > 0) {

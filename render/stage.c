@@ -101,7 +101,7 @@ static int make_others(const struct stage *stage, const struct stage_object *but
     return status;
 }
 
-static int refine_plain(const struct stage *stage, struct stage_object *prepared,
+static int refine_plain(const struct stage *stage, struct stage_object *prepared, bool *limited,
                         struct nacre_error *error)
 {
     struct world *others = NULL;
@@ -111,7 +111,7 @@ static int refine_plain(const struct stage *stage, struct stage_object *prepared
     int status = make_others(stage, prepared, &others, error);
     if (status == NACRE_OK) {
         status = plain_refine(&prepared->mesh, stage->scene, stage->settings->turns, others,
-                              stage->settings->triangle_limit, error);
+                              stage->settings->triangle_limit, limited, error);
     }
     world_free(others);
     if (status != NACRE_OK) {
@@ -181,7 +181,7 @@ static int refine_object(struct stage *stage, size_t index, struct render_object
         return NACRE_FAILED;
     }
     int status = prepared->translucent ? refine_translucent(stage, prepared, report, error)
-                                       : refine_plain(stage, prepared, error);
+                                       : refine_plain(stage, prepared, &report->limited, error);
     if (status != NACRE_OK) {
         return status;
     }

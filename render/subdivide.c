@@ -4,6 +4,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* By then an edge is a millionth of a millionth of what it was: a rule that asks for more would never be met. */
+enum { ROUNDS_MOST = 40 };
+
 /* From an edge to the vertex in its middle: open addressing, never more than half full. */
 struct edge_map {
     size_t mask;
@@ -33,30 +36,36 @@ double mesh_edge_even(const void *context, struct vec3 a, struct vec3 b)
     return *(const double *)context;
 }
 
-struct rule {
+/* What stays as it is from round to round: an edge that is not too long never will be. */
+struct splitting {
     mesh_edge_rule *allowed_mm;
     const void *context;
+    bool *settled; /* [triangles] */
+    size_t unsettled;
 };
 
 static bool is_long(const struct mesh *mesh, uint32_t first, uint32_t second,
-                    const struct rule *rule)
+                    const struct splitting *splitting)
 {
     /* In the order of the vertices, so that both neighbours of an edge ask the same. */
     struct vec3 a = vec3_from(mesh->positions[first < second ? first : second]);
     struct vec3 b = vec3_from(mesh->positions[first < second ? second : first]);
-    return vec3_length(vec3_subtract(a, b)) > rule->allowed_mm(rule->context, a, b) * (1 + 1e-6);
+    return vec3_length(vec3_subtract(a, b)) >
+           splitting->allowed_mm(splitting->context, a, b) * (1 + 1e-6);
 }
 
-/* Vertices and triangles that one round would add. `map` gets every long edge; middles are numbered by order. */
-static void plan_round(const struct mesh *mesh, const struct rule *rule, struct edge_map *map,
-                       size_t *new_vertices, size_t *new_triangles)
+/* Vertices and triangles that one round would add. `map` gets every long edge; middles are numbered by order. Triangles
+ * without one are settled. */
+static void plan_round(const struct mesh *mesh, const struct splitting *splitting,
+                       struct edge_map *map, size_t *new_vertices, size_t *new_triangles)
 {
     *new_vertices = *new_triangles = 0;
     for (size_t i = 0; i < mesh->triangle_count; i++) {
         const uint32_t *t = mesh->triangles[i];
-        for (int k = 0; k < 3; k++) {
+        size_t before = *new_triangles;
+        for (int k = 0; !splitting->settled[i] && k < 3; k++) {
             uint32_t a = t[k], b = t[(k + 1) % 3];
-            if (!is_long(mesh, a, b, rule)) {
+            if (!is_long(mesh, a, b, splitting)) {
                 continue;
             }
             (*new_triangles)++;
@@ -66,6 +75,7 @@ static void plan_round(const struct mesh *mesh, const struct rule *rule, struct 
                 map->middles[place] = (uint32_t)(mesh->vertex_count + (*new_vertices)++);
             }
         }
+        splitting->settled[i] = *new_triangles == before;
     }
 }
 
@@ -127,9 +137,35 @@ static void add_split(struct mesh *out, const uint32_t t[3], const uint32_t m[3]
     }
 }
 
+/* Give `out` the mesh's triangles with the planned edges split, and tell those that may have to be split again. */
+static int split_triangles(const struct mesh *mesh, const struct edge_map *map, struct mesh *out,
+                           struct splitting *splitting, struct nacre_error *error)
+{
+    bool *settled = calloc(out->triangle_count + 1, sizeof *settled);
+    if (!settled) {
+        return nacre_fail_memory(error, "splitting the edges of a mesh");
+    }
+    out->triangle_count = splitting->unsettled = 0;
+    for (size_t i = 0; i < mesh->triangle_count; i++) {
+        const uint32_t *t = mesh->triangles[i];
+        uint32_t middles[3] = {0};
+        for (int k = 0; !splitting->settled[i] && k < 3; k++) {
+            size_t place = edge_place(map, edge_key(t[k], t[(k + 1) % 3]));
+            middles[k] = map->keys[place] ? map->middles[place] : 0;
+        }
+        size_t before = out->triangle_count;
+        settled[before] = splitting->settled[i];
+        add_split(out, t, middles);
+        splitting->unsettled += splitting->settled[i] ? 0 : out->triangle_count - before;
+    }
+    free(splitting->settled);
+    splitting->settled = settled;
+    return NACRE_OK;
+}
+
 /* Replace the mesh by one with the planned edges split. */
 static int split_round(struct mesh *mesh, const struct edge_map *map, size_t new_vertices,
-                       size_t new_triangles, struct nacre_error *error)
+                       size_t new_triangles, struct splitting *splitting, struct nacre_error *error)
 {
     struct mesh out;
     if (mesh_allocate(&out, mesh->vertex_count + new_vertices, mesh->triangle_count + new_triangles,
@@ -147,15 +183,9 @@ static int split_round(struct mesh *mesh, const struct edge_map *map, size_t new
             set_middle(&out, (uint32_t)(key >> 32), (uint32_t)key, map->middles[place]);
         }
     }
-    out.triangle_count = 0;
-    for (size_t i = 0; i < mesh->triangle_count; i++) {
-        const uint32_t *t = mesh->triangles[i];
-        uint32_t middles[3];
-        for (int k = 0; k < 3; k++) {
-            size_t place = edge_place(map, edge_key(t[k], t[(k + 1) % 3]));
-            middles[k] = map->keys[place] ? map->middles[place] : 0;
-        }
-        add_split(&out, t, middles);
+    if (split_triangles(mesh, map, &out, splitting, error) != NACRE_OK) {
+        mesh_finish(&out);
+        return NACRE_FAILED;
     }
     out.degenerate_count = mesh->degenerate_count;
     out.middle = mesh->middle;
@@ -166,35 +196,48 @@ static int split_round(struct mesh *mesh, const struct edge_map *map, size_t new
     return NACRE_OK;
 }
 
+/* Split the edges that are too long once. *done: there were none, or they would make too many triangles. */
+static int subdivide_once(struct mesh *mesh, struct splitting *splitting, size_t limit,
+                          bool *limited, bool *done, struct nacre_error *error)
+{
+    size_t new_vertices, new_triangles;
+    struct edge_map map = {.mask = 1023};
+    int status = NACRE_OK;
+    while (map.mask < 6 * splitting->unsettled) {
+        map.mask = 2 * map.mask + 1;
+    }
+    map.keys = calloc(map.mask + 1, sizeof *map.keys);
+    map.middles = calloc(map.mask + 1, sizeof *map.middles);
+    if (!map.keys || !map.middles) {
+        status = nacre_fail_memory(error, "splitting the edges of a mesh");
+    } else {
+        plan_round(mesh, splitting, &map, &new_vertices, &new_triangles);
+        *limited = new_triangles > 0 && mesh->triangle_count + new_triangles > limit;
+        *done = new_triangles == 0 || *limited;
+        if (!*done) {
+            status = split_round(mesh, &map, new_vertices, new_triangles, splitting, error);
+        }
+    }
+    free(map.keys);
+    free(map.middles);
+    return status;
+}
+
 int mesh_subdivide(struct mesh *mesh, mesh_edge_rule *rule, const void *context, size_t limit,
                    bool *limited, struct nacre_error *error)
 {
-    const struct rule limits = {rule, context};
-    int status = NACRE_OK;
+    struct splitting splitting = {rule, context,
+                                  calloc(mesh->triangle_count + 1, sizeof *splitting.settled),
+                                  mesh->triangle_count};
+    int status =
+        splitting.settled ? NACRE_OK : nacre_fail_memory(error, "splitting the edges of a mesh");
+    bool done = false;
     *limited = false;
-    while (status == NACRE_OK) {
-        struct edge_map map = {.mask = 1023};
-        size_t new_vertices, new_triangles;
-        while (map.mask < 6 * mesh->triangle_count) {
-            map.mask = 2 * map.mask + 1;
-        }
-        map.keys = calloc(map.mask + 1, sizeof *map.keys);
-        map.middles = calloc(map.mask + 1, sizeof *map.middles);
-        if (!map.keys || !map.middles) {
-            status = nacre_fail_memory(error, "splitting the edges of a mesh");
-            new_triangles = 0;
-        } else {
-            plan_round(mesh, &limits, &map, &new_vertices, &new_triangles);
-            *limited = new_triangles > 0 && mesh->triangle_count + new_triangles > limit;
-            if (new_triangles > 0 && !*limited) {
-                status = split_round(mesh, &map, new_vertices, new_triangles, error);
-            }
-        }
-        free(map.keys);
-        free(map.middles);
-        if (new_triangles == 0 || *limited) {
-            break;
-        }
+    for (int round = 0; status == NACRE_OK && !done; round++) {
+        status = subdivide_once(mesh, &splitting, limit, limited, &done, error);
+        *limited = *limited || (!done && round == ROUNDS_MOST);
+        done = done || *limited;
     }
+    free(splitting.settled);
     return status;
 }

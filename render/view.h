@@ -5,6 +5,8 @@
 #include "render/scene.h"
 #include "render/vector.h"
 
+#include <stdbool.h>
+
 struct view {
     struct vec3 position, right, up, forward; /* orthonormal; right is right in the picture */
     double tan_x, tan_y;                      /* half extents of the picture at unit distance */
@@ -38,6 +40,17 @@ static inline void view_project(const struct view *view, struct vec3 point, doub
     double depth = vec3_dot(way, view->forward);
     at[0] = (1 + vec3_dot(way, view->right) / depth / view->tan_x) / 2;
     at[1] = (1 - vec3_dot(way, view->up) / depth / view->tan_y) / 2;
+}
+
+/* Whether a sphere reaches beyond none of the sides of the pyramid that the camera sees, nor behind its tip. */
+static inline bool view_meets(const struct view *view, struct vec3 middle, double radius)
+{
+    struct vec3 way = vec3_subtract(middle, view->position);
+    double depth = vec3_dot(way, view->forward);
+    return depth > -radius &&
+           fabs(vec3_dot(way, view->right)) - depth * view->tan_x <
+               radius * hypot(1, view->tan_x) &&
+           fabs(vec3_dot(way, view->up)) - depth * view->tan_y < radius * hypot(1, view->tan_y);
 }
 
 #endif

@@ -6,6 +6,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Beyond a surface by less than this many lifts is on it; and so many such surfaces are looked past. */
+enum { TOUCHING_LIFTS = 4, TOUCHED_MOST = 8 };
+
 struct world {
     RTCDevice device;
     RTCScene scene;
@@ -122,20 +125,34 @@ struct vec3 world_place(const struct mesh *mesh, const struct world_hit *hit)
     return vec3_along(p, hit->b2, vec3_from(mesh->positions[corners[2]]));
 }
 
+static struct RTCRayHit ray_along(struct vec3 start, struct vec3 way, float length)
+{
+    return (struct RTCRayHit){.ray = {.org_x = (float)start.x,
+                                      .org_y = (float)start.y,
+                                      .org_z = (float)start.z,
+                                      .dir_x = (float)way.x,
+                                      .dir_y = (float)way.y,
+                                      .dir_z = (float)way.z,
+                                      .tfar = length,
+                                      .mask = UINT32_MAX},
+                              .hit = {.geomID = RTC_INVALID_GEOMETRY_ID}};
+}
+
 static bool occluded(const struct world *world, struct vec3 start, struct vec3 way, float length)
 {
     struct RTCIntersectContext context;
-    struct RTCRay ray = {.org_x = (float)start.x,
-                         .org_y = (float)start.y,
-                         .org_z = (float)start.z,
-                         .dir_x = (float)way.x,
-                         .dir_y = (float)way.y,
-                         .dir_z = (float)way.z,
-                         .tfar = length,
-                         .mask = UINT32_MAX};
+    struct RTCRayHit ray = ray_along(start, way, length);
     rtcInitIntersectContext(&context);
-    rtcOccluded1(world->scene, &context, &ray);
-    return ray.tfar < 0;
+    rtcOccluded1(world->scene, &context, &ray.ray);
+    return ray.ray.tfar < 0;
+}
+
+static bool trace(const struct world *world, struct RTCRayHit *ray)
+{
+    struct RTCIntersectContext context;
+    rtcInitIntersectContext(&context);
+    rtcIntersect1(world->scene, &context, ray);
+    return ray->hit.geomID != RTC_INVALID_GEOMETRY_ID;
 }
 
 bool world_blocked(const struct world *world, struct vec3 surface, struct vec3 normal,
@@ -145,6 +162,26 @@ bool world_blocked(const struct world *world, struct vec3 surface, struct vec3 n
     return occluded(world, start, vec3_subtract(other, start), 0.99999F);
 }
 
+/* Whether a ray of one length meets a surface that either end of it is clearly beyond. */
+static bool crossed(const struct world *world, struct vec3 start, struct vec3 way)
+{
+    float from = 0;
+    for (int tries = 0; tries < TOUCHED_MOST; tries++) {
+        struct RTCRayHit ray = ray_along(start, way, 1);
+        ray.ray.tnear = from;
+        if (!trace(world, &ray)) {
+            return false;
+        }
+        double t = (double)ray.ray.tfar;
+        struct vec3 normal = vec3_unit((struct vec3){ray.hit.Ng_x, ray.hit.Ng_y, ray.hit.Ng_z});
+        if (fmin(t, 1 - t) * fabs(vec3_dot(way, normal)) > TOUCHING_LIFTS * world->lift_mm) {
+            return true;
+        }
+        from = (float)(t + 1e-5);
+    }
+    return false;
+}
+
 bool world_crossed(const struct world *world, struct vec3 a, struct vec3 b)
 {
     struct vec3 way = vec3_subtract(b, a);
@@ -152,7 +189,7 @@ bool world_crossed(const struct world *world, struct vec3 a, struct vec3 b)
     sides[1] = vec3_cross(vec3_unit(way), sides[0]);
     for (int k = 0; k < 4; k++) {
         double lift = k % 2 ? world->lift_mm : -world->lift_mm;
-        if (occluded(world, vec3_along(a, lift, sides[k / 2]), way, 1)) {
+        if (crossed(world, vec3_along(a, lift, sides[k / 2]), way)) {
             return true;
         }
     }
@@ -168,19 +205,8 @@ bool world_look(const struct world *world, struct vec3 surface, struct vec3 norm
 bool world_trace(const struct world *world, struct vec3 origin, struct vec3 direction,
                  struct world_hit *hit)
 {
-    struct RTCIntersectContext context;
-    struct RTCRayHit ray = {.ray = {.org_x = (float)origin.x,
-                                    .org_y = (float)origin.y,
-                                    .org_z = (float)origin.z,
-                                    .dir_x = (float)direction.x,
-                                    .dir_y = (float)direction.y,
-                                    .dir_z = (float)direction.z,
-                                    .tfar = HUGE_VALF,
-                                    .mask = UINT32_MAX},
-                            .hit = {.geomID = RTC_INVALID_GEOMETRY_ID}};
-    rtcInitIntersectContext(&context);
-    rtcIntersect1(world->scene, &context, &ray);
-    if (ray.hit.geomID == RTC_INVALID_GEOMETRY_ID) {
+    struct RTCRayHit ray = ray_along(origin, direction, HUGE_VALF);
+    if (!trace(world, &ray)) {
         return false;
     }
     *hit = (struct world_hit){ray.hit.geomID, ray.hit.primID, ray.hit.u, ray.hit.v};

@@ -320,11 +320,12 @@ static void a_plain_ground_is_lit_by_the_sky(void)
 {
     must_render(SMALL FROM_ABOVE WHITE_GROUND "environment: {color: [1, 0.5, 2]}\nlights: []\n");
     for (int c = 0; c < 3; c++) {
-        TEST_ASSERT_DOUBLE_WITHIN(0.001, 0.5 * 0.8 * scene.environment.color[c], pixel(20, 20)[c]);
+        /* Beside a triangle's edge, as in the middle, POV-Ray's means of its corners are off by 0.002. */
+        TEST_ASSERT_DOUBLE_WITHIN(0.001, 0.5 * 0.8 * scene.environment.color[c], pixel(23, 21)[c]);
     }
     settings.povray_shadows = true; /* which POV-Ray could not do */
     must_render(SMALL FROM_ABOVE WHITE_GROUND "environment: {color: [1, 0.5, 2]}\nlights: []\n");
-    TEST_ASSERT_DOUBLE_WITHIN(0.001, 0.5 * 0.8, pixel(20, 20)[0]);
+    TEST_ASSERT_DOUBLE_WITHIN(0.001, 0.5 * 0.8, pixel(23, 21)[0]);
 }
 
 /* Seen at 60 degrees to the normal. */

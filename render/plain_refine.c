@@ -1,0 +1,138 @@
+/* Splitting plain meshes so that the camera sees no long edge. */
+#include "render/plain.h"
+
+#include "render/view.h"
+
+/* Edges in the picture are no longer, nor those that others cut there; for other reasons they need not be shorter. */
+static const double edge_pixels = 8, contact_pixels = 0.4, least_pixels = 4;
+
+/* Of the largest extent, and for what is out of the picture, too: it lights other surfaces. */
+static const double even_share = 1.0 / 48;
+
+/* What counts as in the picture, of its half extents. */
+static const double margin = 1.05;
+
+struct looking {
+    struct view view; /* widened by the margin */
+    double pixel;     /* its width at unit distance */
+    double even_mm;
+    const struct world *others; /* or NULL */
+    bool around;                /* the camera goes round the vertical through `at` */
+    bool upright;               /* and sees verticals upright */
+    struct vec3 at;
+};
+
+/* What lies ahead of a camera that goes round, hangs on x alone, the cosine of the angle about the vertical between the
+ * camera and a point: distance^2 = square - 2 swing x, depth = base - slope x, height = lift - tilt x. */
+struct round {
+    double square, swing, base, slope, lift, tilt;
+};
+
+static struct round round_of(const struct looking *looking, struct vec3 point)
+{
+    struct vec3 arm = vec3_subtract(looking->view.position, looking->at);
+    struct vec3 p = vec3_subtract(point, looking->at);
+    double away = hypot(arm.x, arm.y), r = hypot(p.x, p.y), rise = p.z - arm.z;
+    double c = away / vec3_length(arm), s = arm.z / vec3_length(arm);
+    return (struct round){.square = r * r + away * away + rise * rise,
+                          .swing = r * away,
+                          .base = c * away - s * rise,
+                          .slope = c * r,
+                          .lift = s * away + c * rise,
+                          .tilt = s * r};
+}
+
+/* Of the angle, at most a right one, that a sphere and the cone round the picture take from the axis. */
+static double cos_together(const struct view *view, double distance, double radius)
+{
+    double tangent = hypot(view->tan_x, view->tan_y), sine = fmin(radius / distance, 1);
+    double cosine = (sqrt(1 - sine * sine) - sine * tangent) / hypot(1, tangent);
+    return fmax(cosine, 0);
+}
+
+/* The largest x, at most 1, at which depth >= k distance; below it that holds as well. Less than -1: nowhere. */
+static double end_of_cone(const struct round *round, double k)
+{
+    double a = round->slope * round->slope;
+    double b = k * k * round->swing - round->base * round->slope;
+    double c = round->base * round->base - k * k * round->square;
+    if (round->base - round->slope >= k * sqrt(fmax(round->square - 2 * round->swing, 0))) {
+        return 1;
+    }
+    return a > 0 ? (-b - sqrt(fmax(b * b - a * c, 0))) / a : -2;
+}
+
+/* Leave the part of low to high where gain x <= most. */
+static void narrow(double gain, double most, double *low, double *high)
+{
+    if (gain > 0) {
+        *high = fmin(*high, most / gain);
+    } else if (gain < 0) {
+        *low = fmax(*low, most / gain);
+    } else if (most < 0) {
+        *high = -2;
+    }
+}
+
+/* How near a camera on its round comes to a sphere while it sees it; HUGE_VAL: it never does. */
+static double distance_around(const struct looking *looking, struct vec3 point, double radius)
+{
+    const struct view *view = &looking->view;
+    const struct round round = round_of(looking, point);
+    double nearest = sqrt(fmax(round.square - 2 * round.swing, 0)), low = -1;
+    if (nearest <= radius) {
+        return nearest;
+    }
+    double x = end_of_cone(&round, cos_together(view, nearest, radius));
+    if (looking->upright) {
+        double reach = view->tan_y * round.base + radius * hypot(1, view->tan_y);
+        narrow(view->tan_y * round.slope - round.tilt, reach - round.lift, &low, &x);
+        narrow(view->tan_y * round.slope + round.tilt, reach + round.lift, &low, &x);
+    }
+    return x < low ? HUGE_VAL : sqrt(round.square - 2 * round.swing * x);
+}
+
+/* What is seen from nowhere is *hidden, and the distance is any. */
+static double find_distance(const struct looking *looking, struct vec3 point, double radius,
+                            bool *hidden)
+{
+    double distance = looking->around ? distance_around(looking, point, radius) : HUGE_VAL;
+    *hidden = looking->around ? distance == HUGE_VAL : !view_meets(&looking->view, point, radius);
+    return distance < HUGE_VAL ? distance
+                               : vec3_length(vec3_subtract(point, looking->view.position));
+}
+
+/* A triangle lies within the spheres over its edges, so what is seen of it has an edge that counts as seen. Parts of an
+ * edge that counts may not: were they allowed less, splitting would go on without end. */
+static double allowed_in_view(const void *context, struct vec3 a, struct vec3 b)
+{
+    const struct looking *looking = context;
+    double length = vec3_length(vec3_subtract(b, a)), even = looking->even_mm;
+    bool hidden;
+    double distance = find_distance(looking, vec3_scale(vec3_add(a, b), 0.5), length / 2, &hidden);
+    double pixel_mm = fmax(distance - length / 2, distance / 4) * looking->pixel;
+    if (hidden) {
+        return fmax(even, edge_pixels * pixel_mm);
+    }
+    double allowed = fmin(fmax(even, least_pixels * pixel_mm), edge_pixels * pixel_mm);
+    bool cut = looking->others && length > contact_pixels * pixel_mm && length <= allowed &&
+               world_crossed(looking->others, a, b);
+    return cut ? contact_pixels * pixel_mm : allowed;
+}
+
+int plain_refine(struct mesh *mesh, const struct scene *scene, bool around,
+                 const struct world *others, size_t limit, bool *limited, struct nacre_error *error)
+{
+    struct vec3 low, high;
+    struct looking looking = {.view = view_make(scene, 0),
+                              .others = others,
+                              .around = around,
+                              .at = vec3_from_doubles(scene->camera.at_mm)};
+    mesh_bounds(mesh, &low, &high);
+    looking.even_mm = even_share * vec3_length(vec3_subtract(high, low));
+    looking.upright = fabs(looking.view.right.z) < 1e-6;
+    looking.pixel = 2 * looking.view.tan_x / scene->image.width;
+    looking.view.tan_x *= margin;
+    looking.view.tan_y *= margin;
+    return mesh_subdivide(mesh, allowed_in_view, &looking, limit, limited, error);
+}
