@@ -194,8 +194,9 @@ static size_t saved_floats(const struct hals *m) /* of one factor */
     return (size_t)p->terms * (size_t)p->responses->height * (size_t)p->responses->width;
 }
 
-static size_t state_size(const struct method *method)
+static size_t state_size(const struct method *method, int channel)
 {
+    (void)channel; /* of all alike */
     const struct hals *m = (const struct hals *)method;
     return sizeof(struct saved) + SAVED_FACTORS * saved_floats(m) * sizeof(float);
 }

@@ -59,11 +59,18 @@ static bool has_settled(const struct attempt *a, double share)
                (1 - PATIENCE * share) * (double)a->history.objective[first];
 }
 
-/* Whether the later half of the iterations lowered the objective by no more than `share`. */
-static bool is_out_of_valleys(const struct attempt *a, double share)
+/* The share by which the later half of the iterations lowered the objective. */
+static double later_half(const struct attempt *a)
 {
     int last = a->known - 1, middle = a->inherited + (last - a->inherited) / 2;
-    return (double)a->history.objective[last] >= (1 - share) * (double)a->history.objective[middle];
+    double before = (double)a->history.objective[middle];
+    return before > 0 ? 1 - (double)a->history.objective[last] / before : 0;
+}
+
+/* Whether that is no more than `share`. */
+static bool is_out_of_valleys(const struct attempt *a, double share)
+{
+    return later_half(a) <= share;
 }
 
 /* Whether what is still to be gained is no more than fitting noise would gain, taking it that what doubling the iterations
@@ -163,7 +170,8 @@ static enum ending find_ending(const struct conductor *c)
     return fills_time(c) && should_grow(c) ? ENDING_GROWTH : ENDING_NONE;
 }
 
-/* How many iterations until the tolerance ends this, taking it that what one brings falls as 1 / iterations. */
+/* How many iterations until the tolerance ends this, taking it that what one brings falls as 1 / iterations, and, with a kernel
+ * per term, what the later half of all brings. */
 static double iterations_to_tolerance(const struct conductor *c)
 {
     const struct attempt *a = &c->now;
@@ -173,6 +181,7 @@ static double iterations_to_tolerance(const struct conductor *c)
     }
     double gain = 1 - (double)(a->history.objective[last] / a->history.objective[first]);
     double share = gain / PATIENCE / c->options->tolerance;
+    share = is_patient(c) ? fmax(share, later_half(a) / (VALLEY * c->options->tolerance)) : share;
     return share > 1 ? attempt_iterations(a) * (share - 1) : 1;
 }
 

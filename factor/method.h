@@ -50,9 +50,8 @@ struct method_ops {
                  struct nacre_error *error);
 
     /* A channel's whole state, from which the method goes on bit for bit: factors, extrapolation and whatever else
-     * decides the next steps. state_size bytes, the same for every channel and at any time; load refuses what cannot
-     * be a state. */
-    size_t (*state_size)(const struct method *method);
+     * decides the next steps. state_size bytes, the same at any time; load refuses what cannot be a state. */
+    size_t (*state_size)(const struct method *method, int channel);
     int (*save)(struct method *method, int channel, void *state, struct nacre_error *error);
     int (*load)(struct method *method, int channel, const void *state, struct nacre_error *error);
 

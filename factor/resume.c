@@ -71,7 +71,8 @@ static char *identify(const struct conductor *c)
     char *text = NULL, terms[16], clusters[16], iterations[16];
     unsigned long long contents = 0;
     char model[96];
-    (void)snprintf(model, sizeof model, "terms, %s kernels, %s planes of %d bits, reciprocity %d",
+    (void)snprintf(model, sizeof model,
+                   "terms, %s kernels, %s planes of %d bits, reciprocity %d, states of form 2",
                    o->kernels == FACTOR_KERNELS_FULL ? "full" : "radial",
                    o->planes == FACTOR_PLANES_SEPARATE ? "separate" : "shared", o->bits,
                    (int)o->reciprocity);
@@ -221,36 +222,39 @@ static void get_values(struct blob *blob, float *values, size_t bytes)
 static int put_states(struct conductor *c, struct blob *blob, struct nacre_error *error)
 {
     struct method *method = c->now.method;
-    size_t size = method->ops->state_size(method);
-    void *state = malloc(size); /* aligned, as places in the blob need not be */
-    int status = state ? NACRE_OK : nacre_fail_memory(error, "the checkpoint");
-    blob_put(blob, &size, sizeof size);
+    size_t first = method->ops->state_size(method, 0);
+    int status = NACRE_OK;
+    blob_put(blob, &first, sizeof first);
     for (int i = 0; i < c->responses->channels && status == NACRE_OK; i++) {
-        status = method->ops->save(method, i, state, error);
+        size_t size = method->ops->state_size(method, i);
+        void *state = malloc(size); /* aligned, as places in the blob need not be */
+        status = state ? method->ops->save(method, i, state, error)
+                       : nacre_fail_memory(error, "the checkpoint");
         blob_put(blob, state, status == NACRE_OK ? size : 0);
+        free(state);
     }
-    free(state);
     return status;
 }
 
 static int get_states(struct conductor *c, struct blob *blob, struct nacre_error *error)
 {
     struct method *method = c->now.method;
-    size_t size = 0;
+    size_t first = 0;
     int status = NACRE_OK;
-    blob_get(blob, &size, sizeof size);
-    if (size != method->ops->state_size(method)) {
+    blob_get(blob, &first, sizeof first);
+    if (blob->failed || first != method->ops->state_size(method, 0)) {
         return fail_contents(error);
     }
-    void *state = malloc(size);
-    if (!state) {
-        return nacre_fail_memory(error, "the checkpoint");
-    }
     for (int i = 0; i < c->responses->channels && status == NACRE_OK; i++) {
+        size_t size = method->ops->state_size(method, i);
+        void *state = malloc(size);
+        if (!state) {
+            return nacre_fail_memory(error, "the checkpoint");
+        }
         blob_get(blob, state, size);
         status = blob->failed ? fail_contents(error) : method->ops->load(method, i, state, error);
+        free(state);
     }
-    free(state);
     return status;
 }
 

@@ -12,8 +12,8 @@
 /* Squared distances near the centre at which a radial kernel has a number of its own; farther out every point. */
 static const int near_squares[] = {0, 1, 2, 4, 5, 8, 9, 10, 13, 16};
 
-/* What is within reach: all but this share of the weighted squares, without the centre; a fourth of the window or less, and
- * as far out as radial kernels have numbers at other distances than whole ones. */
+/* What is within reach: all but this share of the weighted squares, without the centre; half of the window's entries or fewer,
+ * and as far out as radial kernels have numbers at other distances than whole ones. */
 #define MOST_BEYOND 1e-3
 enum { REACH_SAVES = 2, LEAST_REACH = 4, REACH_POINTS = 1000 };
 

@@ -1,4 +1,7 @@
-/* What the method terms holds, and its steps; for terms.c and terms_steps.c alone. */
+/* What the method terms holds, and its steps; for terms*.c alone.
+ *
+ * terms_room.c makes it and gives it back, terms_equations.c finds kernels, terms_steps.c makes steps, terms_state.c saves
+ * and loads, terms.c is the seam. */
 #ifndef FACTOR_TERMS_STEPS_H
 #define FACTOR_TERMS_STEPS_H
 
@@ -77,6 +80,44 @@ struct terms {
     float *window;        /* [K][K] */
     size_t equation_size; /* floats of an entry's equations */
 };
+
+/* Whether planes are the channel's to answer for: those that all share are the first's. */
+static inline bool terms_has_set(const struct terms *m, int channel)
+{
+    return channel == 0 || terms_data_sets(m->data) > 1;
+}
+
+/* Of one side's planes of a set. */
+static inline size_t terms_plane_floats(const struct terms *m)
+{
+    const struct layout_sizes *s = &m->layouts[0].sizes;
+    return (size_t)s->terms * (size_t)s->height * (size_t)s->width;
+}
+
+/* Numbers of a channel's kernels. */
+static inline size_t terms_number_count(const struct terms *m)
+{
+    return (size_t)m->data->grid.count * (size_t)m->layouts[0].sizes.terms;
+}
+
+/* Compile the program and make room for all but the sets, with data and layouts in place. */
+int terms_prepare(struct terms *m, struct nacre_error *error);
+void terms_release(struct terms *m); /* half-made ones too */
+
+/* Items of as many dimensions as are not 0. */
+int terms_run(struct terms *m, enum terms_kernel name, const void *const *values,
+              const size_t *sizes, int count, size_t across, size_t down, size_t deep,
+              struct nacre_error *error);
+
+/* The best kernels for the planes that wait, by entries up to `most` from the centre: their numbers there. */
+int terms_find_kernels(struct terms *m, const struct terms_set *set, int most,
+                       struct nacre_error *error);
+
+/* As struct method_ops has them. */
+size_t terms_state_size(const struct method *method, int channel);
+int terms_save_state(struct method *method, int channel, void *state, struct nacre_error *error);
+int terms_load_state(struct method *method, int channel, const void *state,
+                     struct nacre_error *error);
 
 /* Make sure that what waits in `next` does not raise the objective, and take it as the model; then make the step from
  * there, which waits in turn. */

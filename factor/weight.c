@@ -215,10 +215,10 @@ static int write_factors(struct method *method, int channel, const float *f, con
     return status;
 }
 
-static size_t state_size(const struct method *method)
+static size_t state_size(const struct method *method, int channel)
 {
     const struct weighted *w = (const struct weighted *)method;
-    return w->inner->ops->state_size(w->inner);
+    return w->inner->ops->state_size(w->inner, channel);
 }
 
 static int save_state(struct method *method, int channel, void *state, struct nacre_error *error)

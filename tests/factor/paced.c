@@ -83,10 +83,10 @@ static int write_factors(struct method *method, int channel, const float *f, con
     return inner->ops->write(inner, channel, f, h, error);
 }
 
-static size_t state_size(const struct method *method)
+static size_t state_size(const struct method *method, int channel)
 {
     const struct method *inner = ((const struct paced_method *)method)->inner;
-    return inner->ops->state_size(inner);
+    return inner->ops->state_size(inner, channel);
 }
 
 static int save_state(struct method *method, int channel, void *state, struct nacre_error *error)

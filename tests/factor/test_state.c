@@ -98,10 +98,10 @@ static void check_same(struct method *a, struct method *b)
 
 static void transfer(struct method *from, struct method *to)
 {
-    size_t size = from->ops->state_size(from);
+    size_t size = from->ops->state_size(from, 0);
     char *state = malloc(size);
     TEST_ASSERT_NOT_NULL(state);
-    TEST_ASSERT_EQUAL_UINT64(size, to->ops->state_size(to));
+    TEST_ASSERT_EQUAL_UINT64(size, to->ops->state_size(to, 0));
     for (int c = 0; c < 3; c++) {
         TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, from->ops->save(from, c, state, &error),
                                       error.text);
