@@ -20,9 +20,6 @@
 /* Normal matrices of entries far from the centre are summed again in every so many steps. */
 enum { EXACT_STEPS = 6, DISTANT_EVERY = 12 };
 
-/* As in terms.cl. */
-enum { STEP_SHAPED = 1, STEP = 3, STEP_WITHIN = 7, STEP_EXACT = 15 };
-
 /* Steps on entries within reach between two on all: at first, and at most. Normal matrices are summed again in every so
  * many of the first, and of the second. */
 enum {
@@ -192,10 +189,8 @@ static void swap(cl_mem *a, cl_mem *b)
     *b = kept;
 }
 
-/* The objective of what waits, as entries within reach and what is known of the others have it, and the best step from
- * there. */
-static int look_within(struct terms *m, struct terms_set *set, int step, double *objective,
-                       struct nacre_error *error)
+int terms_look_within(struct terms *m, struct terms_set *set, int step, double *objective,
+                      struct nacre_error *error)
 {
     struct terms_track *f = &set->tracks[0];
     double beyond = 0;
@@ -224,11 +219,11 @@ static int burst(struct terms *m, struct terms_set *set, struct nacre_error *err
     double least = INFINITY, objective = 0;
     int status = NACRE_OK, refused = 0;
     for (int i = 0; i < set->burst && refused < 2 && status == NACRE_OK; i++) {
-        status = look_within(m, set,
-                             i % WITHIN_EVERY == WITHIN_EVERY - 1 ? STEP_WITHIN
-                             : i % NEAR_EVERY == 0                ? STEP
-                                                                  : STEP_SHAPED,
-                             &objective, error);
+        status = terms_look_within(m, set,
+                                   i % WITHIN_EVERY == WITHIN_EVERY - 1 ? TERMS_STEP_WITHIN
+                                   : i % NEAR_EVERY == 0                ? TERMS_STEP
+                                                                        : TERMS_STEP_SHAPED,
+                                   &objective, error);
         if (status == NACRE_OK && objective <= least) {
             least = objective;
             refused = 0;
@@ -260,7 +255,7 @@ static int make_step(struct terms *m, struct terms_set *set, float share, int st
         status = extrapolate(m, f, share, error);
     }
     if (status == NACRE_OK && m->sides == 2) {
-        status = visit(m, set, 1, h->good, f->next, STEP_EXACT, all, error);
+        status = visit(m, set, 1, h->good, f->next, TERMS_STEP_EXACT, all, error);
     }
     if (status == NACRE_OK && m->sides == 2) {
         status = descend(m, set, h, h->good, h->good, error);
@@ -317,7 +312,7 @@ static int refuse(struct terms *m, struct terms_set *set, struct nacre_error *er
         status = terms_place_kernels(m, c, m->channels[c].good, error);
     }
     if (status == NACRE_OK && !set->settled) {
-        status = visit(m, set, 0, own, other, STEP_EXACT, m->data->grid.window / 2, error);
+        status = visit(m, set, 0, own, other, TERMS_STEP_EXACT, m->data->grid.window / 2, error);
     }
     return status == NACRE_OK && !set->settled ? make_step(m, set, 0, 0, error) : status;
 }
@@ -332,7 +327,8 @@ int terms_advance(struct terms *m, struct terms_set *set, struct nacre_error *er
     }
     while (status == NACRE_OK && !set->settled) {
         status = visit(m, set, 0, set->tracks[0].next, set->tracks[m->sides - 1].next,
-                       is_exact(m, set) ? STEP_EXACT : STEP, m->data->grid.window / 2, error);
+                       is_exact(m, set) ? TERMS_STEP_EXACT : TERMS_STEP, m->data->grid.window / 2,
+                       error);
         if (status == NACRE_OK) {
             status = collect(m, set, &objective, error);
         }

@@ -22,6 +22,10 @@ enum terms_kernel {
 
 enum { TERMS_SWEEPS = 10, TERMS_SQUARES = 3 /* of a point, in the curvature */ };
 
+/* What visits make, as in terms.cl: a step with its normal matrices as they are, or with those of entries near the centre, of
+ * all within reach, or of all summed again. */
+enum { TERMS_STEP_SHAPED = 1, TERMS_STEP = 3, TERMS_STEP_WITHIN = 7, TERMS_STEP_EXACT = 15 };
+
 /* As in terms.cl; and pairs of terms whose products are held at a time. */
 enum { TERMS_DOWN = 3, TERMS_ACROSS = 4, TERMS_COLUMNS = 4, TERMS_PRODUCTS = 18 };
 
@@ -118,6 +122,11 @@ size_t terms_state_size(const struct method *method, int channel);
 int terms_save_state(struct method *method, int channel, void *state, struct nacre_error *error);
 int terms_load_state(struct method *method, int channel, const void *state,
                      struct nacre_error *error);
+
+/* The objective of what waits, as entries within reach and what is known of the others have it, and the best step from
+ * there. */
+int terms_look_within(struct terms *m, struct terms_set *set, int step, double *objective,
+                      struct nacre_error *error);
 
 /* Make sure that what waits in `next` does not raise the objective, and take it as the model; then make the step from
  * there, which waits in turn. */

@@ -106,6 +106,125 @@ static void fitting_noise_gains_its_projection(void)
     sample_finish(&sample);
 }
 
+/* The real method, whose objective is told as `scale` over the iterations. */
+struct told {
+    struct method method;
+    struct method *inner;
+    double scale;
+    int steps;
+};
+
+static int step_told(struct method *method, int channel, double *objective,
+                     struct nacre_error *error)
+{
+    struct told *t = (struct told *)method;
+    int status = t->inner->ops->step(t->inner, channel, NULL, error);
+    if (objective) { /* that before the step, so after one fewer */
+        *objective = t->scale / fmax(0.5, t->steps - 1);
+    }
+    t->steps++;
+    return status;
+}
+
+static int measure_told(struct method *method, int channel, double *objective,
+                        struct nacre_error *error)
+{
+    struct told *t = (struct told *)method;
+    (void)channel;
+    (void)error;
+    *objective = t->scale / t->steps;
+    return NACRE_OK;
+}
+
+static int read_told(struct method *method, int channel, float *f, float *h,
+                     struct nacre_error *error)
+{
+    struct method *inner = ((struct told *)method)->inner;
+    return inner->ops->read(inner, channel, f, h, error);
+}
+
+static int read_told_kernels(struct method *method, int channel, float *numbers,
+                             struct nacre_error *error)
+{
+    struct method *inner = ((struct told *)method)->inner;
+    return inner->ops->read_kernels(inner, channel, numbers, error);
+}
+
+static void explain_told(const struct method *method, const struct listener *to)
+{
+    (void)method;
+    (void)to;
+}
+
+static void free_told(struct method *method)
+{
+    method_free(((struct told *)method)->inner);
+    free(method);
+}
+
+static const struct method_ops told_ops = {.name = "told",
+                                           .step = step_told,
+                                           .measure = measure_told,
+                                           .read = read_told,
+                                           .read_kernels = read_told_kernels,
+                                           .explain = explain_told,
+                                           .free = free_told};
+
+/* data: what the objective is after one iteration, in the responses' unit. */
+static int make_told(void *data, const struct problem *problem, struct method **method,
+                     struct nacre_error *error)
+{
+    struct told *t = calloc(1, sizeof *t);
+    TEST_ASSERT_NOT_NULL(t);
+    *t = (struct told){.method = {&told_ops},
+                       .scale = ldexp(*(double *)data, -problem->responses->exponent[0])};
+    *method = &t->method;
+    return terms_new(&opencl, problem, &t->inner, error);
+}
+
+/* After how many iterations one term's run on the sample ends, if iteration n leaves the objective at scale / n. */
+static int end_of(const struct sample *sample, double scale)
+{
+    const struct method_maker maker = {make_told, &scale};
+    struct factor_options options = recipe_options(1, 300);
+    struct factor_summary summary;
+    options.tolerance = 0.03;
+    options.reciprocity = TERMS_RECIPROCAL;
+    options.maker = &maker;
+    struct nacre_material m = recipe_fit(&opencl, sample, &options, &summary);
+    int iterations = m.iterations;
+    TEST_ASSERT_EQUAL_STRING(iterations < 300 ? "tolerance" : "iterations", summary.stopped_by);
+    factor_summary_finish(&summary);
+    nacre_material_finish(&m);
+    return iterations;
+}
+
+/* An objective of s / n falls by s / n while n doubles, half of what it fell before, and so by s / n for ever after: that is the
+ * noise's gain at n = s / gain. The later half halves the objective, so that is no valley's end at 15 times 3 %; what one
+ * iteration brings is 1 / n, below 3 % from n = 33 on. By whole numbers a quarter of n is off by less than 1 in 20, of which
+ * later^2 / (before - later) is the same share or three times as much, and the gain by definition is good to 5 %: 20 % of n in
+ * all, where half or twice the gain would be 100 % or 50 %. */
+static void a_run_ends_where_what_is_left_is_noise(void)
+{
+    struct recipe recipe = {.homogeneous = true, .scale = 3};
+    struct sample sample = recipe_make(&recipe, 19, 13, 1, 7);
+    double gain = 0;
+    part_pairs(&sample, 0.01);
+    (void)gain_of(&sample, 1, &gain);
+    TEST_ASSERT_DOUBLE_WITHIN(16, 80, end_of(&sample, 80 * gain));
+    TEST_ASSERT_DOUBLE_WITHIN(32, 160, end_of(&sample, 160 * gain));
+    sample_finish(&sample);
+}
+
+/* Pairs that do not differ are no noise: such a run goes on. */
+static void a_run_without_noise_goes_on(void)
+{
+    struct recipe recipe = {.homogeneous = true, .scale = 3};
+    struct sample sample = recipe_make(&recipe, 19, 13, 1, 7);
+    TEST_ASSERT_EQUAL_INT(300, end_of(&sample, 1));
+    sample_finish(&sample);
+}
+
 int main(void)
 {
     struct nacre_error error = {0};
@@ -115,6 +234,8 @@ int main(void)
     }
     UNITY_BEGIN();
     RUN_TEST(fitting_noise_gains_its_projection);
+    RUN_TEST(a_run_ends_where_what_is_left_is_noise);
+    RUN_TEST(a_run_without_noise_goes_on);
     opencl_close(&opencl);
     return UNITY_END();
 }

@@ -4,6 +4,7 @@
 #include "stage.h"
 
 #include "factor/terms_kernels.h"
+#include "factor/terms_steps.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -88,9 +89,12 @@ static void the_objective_is_that_of_the_planes_and_kernels(void)
     sample_finish(&sample);
 }
 
-/* One point's equations in double, of what the device is given. */
-static void equations_of(const struct stage *s, int x, int y, double *gradient, double *matrix)
+/* One point's equations in double, of what the device is given, and of entries from one ring around the centre to another
+ * alone. Returns the squares of what the model misses. */
+static double equations_of(const struct stage *s, int x, int y, int least, int most,
+                           double *gradient, double *matrix)
 {
+    double squares = 0;
     const struct responses *r = &s->data.copies[0];
     size_t m = s->terms, here = (size_t)y * (size_t)r->width + (size_t)x;
     int half = r->window / 2;
@@ -98,8 +102,9 @@ static void equations_of(const struct stage *s, int x, int y, double *gradient, 
     memset(matrix, 0, m * m * sizeof *matrix);
     for (int i = 0; i < r->window * r->window; i++) {
         int u = i % r->window, v = i / r->window, xo = x + u - half, yo = y + v - half;
+        int ring = abs(u - half) > abs(v - half) ? abs(u - half) : abs(v - half);
         double shaped[8], miss = 0;
-        if (xo < 0 || xo >= r->width || yo < 0 || yo >= r->height || (u == half && v == half)) {
+        if (xo < 0 || xo >= r->width || yo < 0 || yo >= r->height || ring < least || ring > most) {
             continue;
         }
         size_t there = (size_t)yo * (size_t)r->width + (size_t)xo;
@@ -118,7 +123,9 @@ static void equations_of(const struct stage *s, int x, int y, double *gradient, 
                 matrix[t * m + q] += weight * shaped[t] * shaped[q];
             }
         }
+        squares += weight * miss * miss;
     }
+    return squares;
 }
 
 /* The step as terms.h describes it: ten sweeps on the point's equations, damped twice. */
@@ -153,7 +160,7 @@ static void a_step_is_that_of_double_precision(void)
     double *expected = malloc(s.terms * s.points * sizeof *expected), miss = 0, norm = 0;
     for (size_t point = 0; point < s.points; point++) {
         double gradient[8], matrix[64], u[8];
-        equations_of(&s, (int)(point % 19), (int)(point / 19), gradient, matrix);
+        (void)equations_of(&s, (int)(point % 19), (int)(point / 19), 1, 3, gradient, matrix);
         for (size_t t = 0; t < s.terms; t++) {
             u[t] = (double)s.planes[t * s.points + point];
         }
@@ -220,6 +227,100 @@ static void steps_within_reach_know_of_what_is_beyond(void)
 {
     struct sample sample = wide_sample(27, 26, 25);
     TEST_ASSERT_TRUE(objective_with(&sample, 4) < 0.5 * objective_with(&sample, 12));
+    sample_finish(&sample);
+}
+
+/* A stage on a wide sample after five steps, whose next ones see entries within reach alone: all normal matrices and gradients
+ * are those of the model, which is read. */
+static struct stage open_wide(const struct sample *sample)
+{
+    enum { REACH = 4, STEPS = 5 };
+    struct stage s = stage_open(&opencl, sample, 3);
+    struct nacre_error error = {0};
+    stage_begin(&opencl, &s);
+    s.data.reach = REACH;
+    for (int i = 0; i < STEPS; i++) {
+        bench_succeed(s.method->ops->step(s.method, 0, NULL, &error), &error);
+    }
+    struct terms *m = (struct terms *)s.method;
+    memcpy(s.numbers, m->channels[0].good, terms_number_count(m) * sizeof *s.numbers);
+    bench_succeed(layout_read_factor(&m->layouts[0], m->sets[0].tracks[0].good, s.planes, &error),
+                  &error);
+    return s;
+}
+
+/* Let the planes `moved`, with the kernels of the model, be what waits, and look at them as a burst does. */
+static double look_at(struct stage *s, const float *moved)
+{
+    struct terms *m = (struct terms *)s->method;
+    struct nacre_error error = {0};
+    double objective = 0;
+    memcpy(m->channels[0].next, s->numbers, terms_number_count(m) * sizeof *s->numbers);
+    bench_succeed(terms_place_kernels(m, 0, s->numbers, &error), &error);
+    bench_succeed(layout_write_factor(&m->layouts[0], m->sets[0].tracks[0].next, moved, &error),
+                  &error);
+    bench_succeed(terms_look_within(m, &m->sets[0], TERMS_STEP, &objective, &error), &error);
+    return objective;
+}
+
+/* By what entries beyond reach have of the objective more than with the model: z^T A z - b^T z at each point, z what its values
+ * moved by, as both ends move. */
+static double change_beyond(const struct stage *s, const float *moved)
+{
+    double sum = 0;
+    for (size_t point = 0; point < s->points; point++) {
+        int width = s->responses.width, half = s->responses.window / 2;
+        double gradient[8], matrix[64], z[8];
+        (void)equations_of(s, (int)point % width, (int)point / width, s->data.reach + 1, half,
+                           gradient, matrix);
+        for (size_t t = 0; t < s->terms; t++) {
+            size_t at = t * s->points + point;
+            z[t] = (double)moved[at] - (double)s->planes[at];
+        }
+        for (size_t t = 0; t < s->terms; t++) {
+            sum -= gradient[t] * z[t];
+            for (size_t q = 0; q < s->terms; q++) {
+                sum += z[t] * matrix[t * s->terms + q] * z[q];
+            }
+        }
+    }
+    return sum;
+}
+
+/* What entries within reach have of the objective, each pair met twice, with the planes and kernels that wait. */
+static double objective_within(struct stage *s, const float *moved)
+{
+    const struct terms *m = (const struct terms *)s->method;
+    double sum = 0;
+    memcpy(s->planes, moved, s->terms * s->points * sizeof *moved);
+    memcpy(s->numbers, m->channels[0].next, terms_number_count(m) * sizeof *s->numbers);
+    for (size_t point = 0; point < s->points; point++) {
+        int width = s->responses.width;
+        double gradient[8], matrix[64];
+        sum += equations_of(s, (int)point % width, (int)point / width, 1, s->data.reach, gradient,
+                            matrix);
+    }
+    return sum / 4;
+}
+
+/* Planes that are a twentieth larger or smaller, by turns. Gradients are float32 sums of 600 products, of parts of either
+ * sign: good to some 600 * 6e-8 of the squares that entries beyond reach have, a thousandth of what is compared. */
+static void what_lies_beyond_reach_counts_in_the_objective(void)
+{
+    struct sample sample = wide_sample(27, 26, 25);
+    struct stage s = open_wide(&sample);
+    size_t count = s.terms * s.points;
+    float *moved = malloc(count * sizeof *moved);
+    TEST_ASSERT_NOT_NULL(moved);
+    for (size_t i = 0; i < count; i++) {
+        moved[i] = s.planes[i] * (i / 3 % 2 ? 1.05F : 0.97F);
+    }
+    double told = look_at(&s, moved), beyond = change_beyond(&s, moved);
+    double within = objective_within(&s, moved);
+    TEST_ASSERT_TRUE(fabs(beyond) > 0.02 * within);
+    TEST_ASSERT_DOUBLE_WITHIN(1e-3 * fabs(beyond), within + beyond, told);
+    free(moved);
+    stage_close(&s);
     sample_finish(&sample);
 }
 
@@ -334,6 +435,7 @@ int main(void)
     RUN_TEST(the_objective_is_that_of_the_planes_and_kernels);
     RUN_TEST(a_step_is_that_of_double_precision);
     RUN_TEST(steps_within_reach_know_of_what_is_beyond);
+    RUN_TEST(what_lies_beyond_reach_counts_in_the_objective);
     RUN_TEST(kernels_beyond_reach_stay);
     RUN_TEST(a_saved_state_goes_on);
     opencl_close(&opencl);
