@@ -41,14 +41,18 @@ static int sample_light(const struct lit_surface *surface, const struct lighting
 
 /* Light that leaves where it fell, by the plane of reflectances. */
 static int add_local(const struct mesh *mesh, const struct mapping *mapping,
-                     const struct light_samples *samples, const float *plane, float (*radiosity)[3],
+                     const struct light_samples *samples, const float *plane,
+                     const struct bake_settings *settings, float (*radiosity)[3],
                      struct nacre_error *error)
 {
+    struct progress progress = progress_begin("lighting", settings->quiet);
+    progress.deadline = settings->deadline;
     float(*irradiance)[3] = calloc(mesh->vertex_count + 1, sizeof *irradiance);
     if (!irradiance) {
         return nacre_fail_memory(error, "the light on the mesh");
     }
-    int status = local_light(mesh, samples, mapping->point_mm, irradiance, error);
+    int status = local_light(mesh, samples, mapping->point_mm, &progress, irradiance, error);
+    progress_end(&progress);
     for (size_t i = 0; status == NACRE_OK && i < mesh->vertex_count; i++) {
         double reflectance[3];
         receivers_lookup(mesh, mapping, i, plane, reflectance);
@@ -62,7 +66,8 @@ static int add_local(const struct mesh *mesh, const struct mapping *mapping,
 
 static int add_albedo(const struct mesh *mesh, const struct mapping *mapping,
                       const struct appearance *appearance, const struct light_samples *samples,
-                      float (*radiosity)[3], struct nacre_error *error)
+                      const struct bake_settings *settings, float (*radiosity)[3],
+                      struct nacre_error *error)
 {
     float *albedo =
         calloc((size_t)appearance->width * (size_t)appearance->height * 3, sizeof *albedo);
@@ -70,7 +75,7 @@ static int add_albedo(const struct mesh *mesh, const struct mapping *mapping,
         return nacre_fail_memory(error, "the material's albedo");
     }
     appearance_albedo(appearance, mapping->mirror, albedo);
-    int status = add_local(mesh, mapping, samples, albedo, radiosity, error);
+    int status = add_local(mesh, mapping, samples, albedo, settings, radiosity, error);
     free(albedo);
     return status;
 }
@@ -136,9 +141,9 @@ int bake_object(const struct lit_surface *surface, const struct appearance *appe
     int64_t start = now_ns();
     int status = sample_light(surface, lighting, settings, &samples, error);
     if (status == NACRE_OK && effects->albedo) {
-        status = add_albedo(mesh, mapping, appearance, &samples, radiosity, error);
+        status = add_albedo(mesh, mapping, appearance, &samples, settings, radiosity, error);
     } else if (status == NACRE_OK && RENDER_EFFECTS_BUILT(RENDER_LOCAL) && effects->local) {
-        status = add_local(mesh, mapping, &samples, appearance->local, radiosity, error);
+        status = add_local(mesh, mapping, &samples, appearance->local, settings, radiosity, error);
     }
     counts->light_seconds += seconds_since(start);
     start = now_ns();

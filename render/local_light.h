@@ -2,6 +2,7 @@
 #ifndef RENDER_LOCAL_LIGHT_H
 #define RENDER_LOCAL_LIGHT_H
 
+#include "base/progress.h"
 #include "nacre/error.h"
 #include "render/mesh.h"
 #include "render/samples.h"
@@ -10,6 +11,6 @@
  * samples carry areas their scatter cancels, so that even light stays even; photons give a density. A vertex with no
  * sample that near takes the nearest around, if any is within a radius or two. */
 int local_light(const struct mesh *mesh, const struct light_samples *samples, double radius_mm,
-                float (*irradiance)[3], struct nacre_error *error);
+                struct progress *progress, float (*irradiance)[3], struct nacre_error *error);
 
 #endif

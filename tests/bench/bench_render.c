@@ -138,7 +138,7 @@ static void add_local(const struct bench *bench, const struct light_samples *sam
 {
     size_t count = bench->mesh.vertex_count;
     float(*irradiance)[3] = allocate(count * sizeof *irradiance);
-    must(local_light(&bench->mesh, samples, bench->mapping.point_mm, irradiance, &error));
+    must(local_light(&bench->mesh, samples, bench->mapping.point_mm, NULL, irradiance, &error));
     for (size_t i = 0; i < count; i++) {
         double local[3];
         receivers_lookup(&bench->mesh, &bench->mapping, i, bench->appearance.local, local);
