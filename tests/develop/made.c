@@ -75,8 +75,10 @@ double made_transfer(const struct made_station *station, int channel, int xi, in
     double reach = station->reach * (1 + 0.15 * (1 - channel));
     double dense = (xi + 2 * yi) % 13 < 5 ? 0.6 : 1;
     double dense_out = (xo + 2 * yo) % 13 < 5 ? 0.7 : 1;
-    double distance = hypot(xo - xi, 1.2 * (yo - yi));
-    double across = 1 + 0.2 * tanh(0.3 * (xo - xi));
+    double dx = xo - xi;
+    double dy = 1.2 * (yo - yi);
+    double distance = sqrt(dx * dx + dy * dy);
+    double across = 1 + 0.2 * tanh(0.3 * dx);
     return albedo[channel] * dense * dense_out * across * exp(-distance / reach);
 }
 
@@ -111,18 +113,23 @@ void made_light(const struct made_station *station, const uint8_t *levels, bool 
 /* From where the lens shows something to where an ideal one would: by repetition, as the lens is nearly ideal. */
 static void undistort(const struct made_station *station, double *u, double *v)
 {
+    if (station->lens == 0) {
+        return;
+    }
     double middle_x = station->camera_width / 2.0 + station->lens_x;
     double middle_y = station->camera_height / 2.0 + station->lens_y;
-    double unit = hypot(station->camera_width, station->camera_height) / 2;
+    double across = station->camera_width;
+    double down = station->camera_height;
+    double bend = station->lens * 4 / (across * across + down * down);
     double x = *u - middle_x;
     double y = *v - middle_y;
-    for (int round = 0; station->lens != 0 && round < 12; round++) {
-        double stretch = 1 + station->lens * (x * x + y * y) / (unit * unit);
-        x = (*u - middle_x) / stretch;
-        y = (*v - middle_y) / stretch;
+    for (int round = 0; round < 12; round++) {
+        double shrink = 1 / (1 + bend * (x * x + y * y));
+        x = (*u - middle_x) * shrink;
+        y = (*v - middle_y) * shrink;
     }
-    *u = station->lens != 0 ? x + middle_x : *u;
-    *v = station->lens != 0 ? y + middle_y : *v;
+    *u = x + middle_x;
+    *v = y + middle_y;
 }
 
 /* What a pixel sees: the mean radiosity of its colour over its view, 0 beside the sample. */
@@ -144,9 +151,9 @@ static double view(const struct made_station *station, const float *radiosity, i
         int row = k / PLACES;
         double v = py + 0.5 + ((row + 0.5) / PLACES - 0.5) * across;
         undistort(station, &u, &v);
-        double w = determinant_w[0] * u + determinant_w[1] * v + determinant_w[2];
-        double x = (determinant_x[0] * u + determinant_x[1] * v + determinant_x[2]) / w;
-        double y = (determinant_y[0] * u + determinant_y[1] * v + determinant_y[2]) / w;
+        double scale = 1 / (determinant_w[0] * u + determinant_w[1] * v + determinant_w[2]);
+        double x = (determinant_x[0] * u + determinant_x[1] * v + determinant_x[2]) * scale;
+        double y = (determinant_y[0] * u + determinant_y[1] * v + determinant_y[2]) * scale;
         if (x >= 0 && y >= 0 && x < station->width && y < station->height) {
             sum += (double)plane[(int)y * station->width + (int)x];
         }
