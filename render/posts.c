@@ -7,6 +7,7 @@
 #include <math.h>
 #include <stdbool.h>
 #include <stdlib.h>
+#include <string.h>
 
 /* A post whose receivers lie farther from it than this many spacings, or whose normals' mean is shorter than this, is
  * parted by place in space. */
@@ -52,34 +53,64 @@ static void weigh(double place, double spacing, double weights[3])
     weights[2] = (0.5 + u) * (0.5 + u) / 2;
 }
 
+/* Receivers between the same posts have the same nine: they are looked up once for the first of them. With heaps, posts that
+ * are parted are told apart by place, too. */
+static int link_receiver(struct lattice *lattice, struct groups *cells, uint32_t *firsts, size_t i)
+{
+    struct posts *posts = lattice->posts;
+    const struct receiver *r = &lattice->receivers[i];
+    uint32_t *links = &posts->links[i * POSTS_A_RECEIVER];
+    if (!lattice->heaps) {
+        size_t before = cells->count;
+        uint32_t cell = groups_number(cells, key_of(lattice, r, 0));
+        if (cell == GROUPS_FULL) {
+            return -1;
+        }
+        if (cells->count == before) {
+            memcpy(links, &posts->links[firsts[cell] * (size_t)POSTS_A_RECEIVER],
+                   POSTS_A_RECEIVER * sizeof *links);
+            return 0;
+        }
+        firsts[cell] = (uint32_t)i;
+    }
+    double cube = 2 * lattice->spacing * lattice->point_mm;
+    for (size_t k = 0; k < POSTS_A_RECEIVER; k++) {
+        struct group_key key = key_of(lattice, r, k);
+        key.part = lattice->heaps && lattice->heaps[links[k]].parted
+                       ? groups_part(r->position, r->normal, cube)
+                       : 0;
+        links[k] = groups_number(&lattice->groups, key);
+        if (links[k] == GROUPS_FULL) {
+            return -1;
+        }
+    }
+    return 0;
+}
+
 /* Number the posts of all receivers; with heaps, those of parted posts by place, too. */
 static int link_posts(struct lattice *lattice)
 {
-    struct posts *posts = lattice->posts;
-    double cube = 2 * lattice->spacing * lattice->point_mm;
+    struct groups cells = {0};
+    uint32_t *firsts = calloc(lattice->count + 1, sizeof *firsts);
     groups_end(&lattice->groups);
-    if (groups_begin(&lattice->groups, lattice->count) != 0) {
-        return -1;
-    }
-    for (size_t i = 0; i < lattice->count; i++) {
+    int status = firsts && groups_begin(&lattice->groups, lattice->count / 2) == 0 &&
+                         groups_begin(&cells, lattice->count / 2) == 0
+                     ? 0
+                     : -1;
+    for (size_t i = 0; status == 0 && i < lattice->count; i++) {
         const struct receiver *r = &lattice->receivers[i];
+        float *weights = &lattice->posts->weights[i * POSTS_A_RECEIVER];
         double across[3], down[3];
         weigh((double)r->along_x[3], lattice->spacing, across);
         weigh((double)r->along_y[3], lattice->spacing, down);
         for (size_t k = 0; k < POSTS_A_RECEIVER; k++) {
-            uint32_t *link = &posts->links[i * POSTS_A_RECEIVER + k];
-            struct group_key key = key_of(lattice, r, k);
-            key.part = lattice->heaps && lattice->heaps[*link].parted
-                           ? groups_part(r->position, r->normal, cube)
-                           : 0;
-            *link = groups_number(&lattice->groups, key);
-            if (*link == GROUPS_FULL) {
-                return -1;
-            }
-            posts->weights[i * POSTS_A_RECEIVER + k] = (float)(across[k % 3] * down[k / 3]);
+            weights[k] = (float)(across[k % 3] * down[k / 3]);
         }
+        status = link_receiver(lattice, &cells, firsts, i);
     }
-    return 0;
+    groups_end(&cells);
+    free(firsts);
+    return status;
 }
 
 static void add_receiver(struct heap *heap, double weight, const struct receiver *r)

@@ -116,8 +116,12 @@ static int group(struct merge *merge)
     if (groups_begin(&merge->groups, merge->from->count / 2) != 0) {
         return -1;
     }
-    for (size_t i = 0; i < merge->from->count; i++) {
-        merge->numbers[i] = groups_number(&merge->groups, key_of(merge, &merge->from->list[i]));
+    struct group_key last = {0};
+    for (size_t i = 0; i < merge->from->count; i++) { /* often in the group of the one before */
+        struct group_key key = key_of(merge, &merge->from->list[i]);
+        bool same = i > 0 && key.kind == last.kind && key.x == last.x && key.y == last.y;
+        merge->numbers[i] = same ? merge->numbers[i - 1] : groups_number(&merge->groups, key);
+        last = key;
         if (merge->numbers[i] == GROUPS_FULL) {
             return -1;
         }
@@ -320,27 +324,60 @@ static struct group_key corner_of(const struct lattice *lattice, const struct so
                               cell_of(y, 1) + (int32_t)(k / 2), 0};
 }
 
-static int link_nodes(struct lattice *lattice)
+/* Sources between the same nodes have the same four: they are looked up once for the first of them, as long as no nodes are
+ * parted. */
+static int link_source(struct lattice *lattice, struct groups *cells, uint32_t *firsts, size_t i)
 {
-    double cube = 2 * lattice->size * lattice->point_mm;
-    groups_end(&lattice->groups);
-    if (groups_begin(&lattice->groups, lattice->from->count) != 0) {
-        return -1;
+    const struct source *source = &lattice->from->list[i];
+    uint32_t *links = &lattice->links[i * CORNERS];
+    struct group_key keys[CORNERS];
+    for (size_t k = 0; k < CORNERS; k++) {
+        keys[k] = corner_of(lattice, source, k, &lattice->shares[i * CORNERS + k]);
     }
-    for (size_t i = 0; i < lattice->from->count * CORNERS; i++) {
-        const struct source *source = &lattice->from->list[i / CORNERS];
-        struct group_key key = corner_of(lattice, source, i % CORNERS, &lattice->shares[i]);
-        if (lattice->nodes && lattice->nodes[lattice->links[i]].parted) {
-            key.part = groups_part(source->position, source->normal, cube);
+    if (!lattice->nodes) {
+        size_t before = cells->count;
+        uint32_t cell = groups_number(cells, keys[0]);
+        if (cell == GROUPS_FULL) {
+            return -1;
         }
-        lattice->links[i] = groups_number(&lattice->groups, key);
-        if (lattice->links[i] == GROUPS_FULL) {
+        if (cells->count == before) {
+            memcpy(links, &lattice->links[firsts[cell] * (size_t)CORNERS], CORNERS * sizeof *links);
+            return 0;
+        }
+        firsts[cell] = (uint32_t)i;
+    }
+    double cube = 2 * lattice->size * lattice->point_mm;
+    for (size_t k = 0; k < CORNERS; k++) {
+        if (lattice->nodes && lattice->nodes[links[k]].parted) {
+            keys[k].part = groups_part(source->position, source->normal, cube);
+        }
+        links[k] = groups_number(&lattice->groups, keys[k]);
+        if (links[k] == GROUPS_FULL) {
             return -1;
         }
     }
-    free(lattice->nodes);
-    lattice->nodes = calloc(lattice->groups.count + 1, sizeof *lattice->nodes);
-    return lattice->nodes ? 0 : -1;
+    return 0;
+}
+
+static int link_nodes(struct lattice *lattice)
+{
+    struct groups cells = {0};
+    uint32_t *firsts = calloc(lattice->from->count + 1, sizeof *firsts);
+    groups_end(&lattice->groups);
+    int status = firsts && groups_begin(&lattice->groups, lattice->from->count / 4) == 0 &&
+                         groups_begin(&cells, lattice->from->count / 4) == 0
+                     ? 0
+                     : -1;
+    for (size_t i = 0; status == 0 && i < lattice->from->count; i++) {
+        status = link_source(lattice, &cells, firsts, i);
+    }
+    groups_end(&cells);
+    free(firsts);
+    if (status == 0) {
+        free(lattice->nodes);
+        lattice->nodes = calloc(lattice->groups.count + 1, sizeof *lattice->nodes);
+    }
+    return status == 0 && lattice->nodes ? 0 : -1;
 }
 
 static void add_to_node(struct node *node, double size, float share, const struct source *source)
