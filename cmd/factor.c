@@ -92,7 +92,8 @@ static const struct option_spec factor_options[] = {
      .offset = offsetof(struct factor_settings, bits),
      .sentence =
          "with --model terms, bits of a plane's values in the file, 0: half floats; auto: 8, "
-         "10 or 0, the first whose rounding adds less than a quarter to the error"},
+         "10 or 0, the first whose rounding adds less than a quarter to the error; 8 with "
+         "--within"},
     {.name = "method",
      .kind = OPTION_CHOICE,
      .words = method_words,

@@ -136,7 +136,9 @@ static int measure_rounded(const struct probe *probe, const struct attempt *a, i
     int status = factors_allocate(&copy, &a->problem, error);
     if (status == NACRE_OK) {
         factors_copy(&copy, &a->factors);
-        terms_material_round(&a->problem, bits, &copy);
+        status = terms_material_round(&a->problem, bits, &copy, error);
+    }
+    if (status == NACRE_OK) {
         *rounded = probe_measure(probe, &a->problem, &copy);
     }
     factors_finish(&copy);

@@ -215,6 +215,9 @@ int conductor_make_material(const struct conductor *c, const struct attempt *a,
     struct factor_options options = *c->options;
     struct closing_rounding found;
     int status = NACRE_OK;
+    if (options.bits == FACTOR_BITS_AUTO && conductor_has_deadline(c)) {
+        options.bits = FACTOR_BITS_LEAST; /* what finer ones would bring takes time to find out */
+    }
     if (a->problem.data && options.bits == FACTOR_BITS_AUTO) {
         status = closing_choose_bits(&c->probe, a, &options.bits, &found, error);
         if (status == NACRE_OK) {

@@ -360,11 +360,14 @@ static int warn_of_rounding(struct conductor *c, struct nacre_material *m,
                             struct nacre_error *error)
 {
     struct attempt *a = &c->best;
-    if (!a->problem.data || m->bits == 0 || c->options->bits == FACTOR_BITS_AUTO) {
+    if (!a->problem.data || m->bits == 0 ||
+        (c->options->bits == FACTOR_BITS_AUTO && !conductor_has_deadline(c))) {
         return NACRE_OK;
     }
     double fitted = probe_measure(&c->probe, &a->problem, &a->factors);
-    terms_material_round(&a->problem, m->bits, &a->factors);
+    if (terms_material_round(&a->problem, m->bits, &a->factors, error) != NACRE_OK) {
+        return NACRE_FAILED;
+    }
     return quality_warn_planes(m->bits, fitted, probe_measure(&c->probe, &a->problem, &a->factors),
                                m, error);
 }

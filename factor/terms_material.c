@@ -3,6 +3,7 @@
 
 #include "factor/assemble.h"
 #include "factor/fill.h"
+#include "factor/terms_round.h"
 
 #include <math.h>
 #include <stdlib.h>
@@ -46,34 +47,56 @@ static size_t points_of(const struct nacre_material *m)
     return (size_t)m->width * (size_t)m->height;
 }
 
-/* A plane's values over its maximum to squares of 2^bits evenly spaced roots; returns the maximum over that of the file. */
-static double quantise_roots(float *plane, size_t count, int bits)
+/* Planes[terms][points] in place as the file has them, over its largest value each: rounded, or not. scales[terms] become what
+ * that is in the factors' unit. */
+static int quantise_planes(const struct problem *p, const struct factors *f, int set, int side,
+                           int bits, float *planes, double *scales, struct nacre_error *error)
 {
-    double largest = 0, levels = ldexp(1, bits) - 1;
-    for (size_t i = 0; i < count; i++) {
-        largest = fmax(largest, (double)plane[i]);
+    size_t points = (size_t)f->width * (size_t)f->height, terms = (size_t)f->terms;
+    double top = ldexp(1, bits) - 1;
+    int status =
+        bits > 0 ? terms_round(p->data, f, set, side, bits, planes, scales, error) : NACRE_OK;
+    for (size_t t = 0; t < terms && status == NACRE_OK; t++) {
+        float *plane = planes + t * points;
+        double largest = 0;
+        for (size_t i = 0; i < points; i++) {
+            largest = fmax(largest, (double)plane[i]);
+        }
+        for (size_t i = 0; i < points; i++) {
+            double share = bits > 0      ? (double)plane[i] / top * (double)plane[i] / top
+                           : largest > 0 ? (double)plane[i] / largest
+                                         : 0;
+            plane[i] = (float)ldexp(share, -PLANE_EXPONENT);
+        }
+        scales[t] = ldexp(bits > 0 ? scales[t] : largest, PLANE_EXPONENT);
     }
-    for (size_t i = 0; i < count && largest > 0; i++) {
-        double root = sqrt((double)plane[i] / largest);
-        root = bits > 0 ? rint(root * levels) / levels : root;
-        plane[i] = (float)ldexp(root * root, -PLANE_EXPONENT);
-    }
-    return ldexp(largest, PLANE_EXPONENT);
+    return status;
 }
 
-void terms_material_round(const struct problem *p, int bits, struct factors *f)
+int terms_material_round(const struct problem *p, int bits, struct factors *f,
+                         struct nacre_error *error)
 {
-    size_t points = (size_t)f->width * (size_t)f->height;
-    for (int set = 0; set < terms_data_sets(p->data); set++) {
-        float *sides[] = {f->f[set], f->h[set]};
-        for (int i = 0; i < 2 * f->terms; i++) {
-            float *plane = sides[i % 2] ? sides[i % 2] + (size_t)(i / 2) * points : NULL;
-            double scale = plane ? quantise_roots(plane, points, bits) : 0;
-            for (size_t j = 0; plane && j < points; j++) {
-                plane[j] = (float)(scale * (double)plane[j]);
-            }
+    size_t points = (size_t)f->width * (size_t)f->height, count = (size_t)f->terms * points;
+    struct factors exact;
+    double *scales = calloc((size_t)f->terms, sizeof *scales);
+    if (!scales) {
+        return nacre_fail_memory(error, "rounding");
+    }
+    int status = factors_allocate(&exact, p, error);
+    if (status == NACRE_OK) {
+        factors_copy(&exact, f);
+    }
+    for (int i = 0; i < 2 * terms_data_sets(p->data) && status == NACRE_OK; i++) {
+        float *planes = i % 2 ? f->h[i / 2] : f->f[i / 2];
+        status = planes ? quantise_planes(p, &exact, i / 2, i % 2, bits, planes, scales, error)
+                        : NACRE_OK;
+        for (size_t j = 0; planes && j < count && status == NACRE_OK; j++) {
+            planes[j] = (float)(scales[j / points] * (double)planes[j]);
         }
     }
+    free(scales);
+    factors_finish(&exact);
+    return status;
 }
 
 /* Values of all channels above 0, which are as the file has them, to evenly spaced logarithms; 0 and NaN stay. */
@@ -114,26 +137,34 @@ static void find_known(const struct responses *r, int first, int count, uint8_t 
     }
 }
 
-/* One side's planes of one set, filled and quantised; scales[terms] become what kernels are to be multiplied by. */
-static int fill_planes_of(const struct problem *p, const float *from, int set, const uint8_t *known,
-                          float *to, int sets, int bits, double *scales, struct nacre_error *error)
+/* One side's planes of one set, filled and quantised; scales[terms] are multiplied by what kernels are to be. */
+static int fill_planes_of(const struct problem *p, const struct factors *factors, int set, int side,
+                          const uint8_t *known, struct nacre_material *m, double *scales,
+                          struct nacre_error *error)
 {
     const struct responses *r = p->data->responses;
-    size_t points = (size_t)r->width * (size_t)r->height, terms = (size_t)p->terms;
-    float *planes = malloc(terms * points * sizeof *planes);
-    if (!planes) {
-        return nacre_fail_memory(error, "the planes");
+    size_t points = points_of(m), terms = (size_t)p->terms, sets = (size_t)m->factor_channels;
+    float *planes = malloc(terms * points * sizeof *planes), *to = side == 1 ? m->h : m->f;
+    double *own = calloc(terms, sizeof *own);
+    int status = NACRE_OK;
+    if (!planes || !own) {
+        status = nacre_fail_memory(error, "the planes");
+        goto out;
     }
-    memcpy(planes, from, terms * points * sizeof *planes);
-    int status = r->mask_needed
-                     ? fill_planes(r->width, r->height, known, p->ids, planes, terms, points, error)
-                     : NACRE_OK;
+    memcpy(planes, side == 1 ? factors->h[set] : factors->f[set], terms * points * sizeof *planes);
+    if (r->mask_needed) {
+        status = fill_planes(r->width, r->height, known, p->ids, planes, terms, points, error);
+    }
+    if (status == NACRE_OK) {
+        status = quantise_planes(p, factors, set, side, m->bits, planes, own, error);
+    }
     for (size_t t = 0; t < terms && status == NACRE_OK; t++) {
-        scales[t] *= quantise_roots(planes + t * points, points, bits);
-        memcpy(to + (t * (size_t)sets + (size_t)set) * points, planes + t * points,
-               points * sizeof *to);
+        scales[t] *= own[t];
+        memcpy(to + (t * sets + (size_t)set) * points, planes + t * points, points * sizeof *to);
     }
+out:
     free(planes);
+    free(own);
     return status;
 }
 
@@ -215,9 +246,9 @@ static int fill_set(const struct problem *p, const struct factors *factors, int 
         scales[t] = 1;
     }
     find_known(d->responses, set, channels, known, work);
-    status = fill_planes_of(p, factors->f[set], set, known, m->f, sets, m->bits, scales, error);
+    status = fill_planes_of(p, factors, set, 0, known, m, scales, error);
     if (status == NACRE_OK && d->copy_count == 2) {
-        status = fill_planes_of(p, factors->h[set], set, known, m->h, sets, m->bits, scales, error);
+        status = fill_planes_of(p, factors, set, 1, known, m, scales, error);
     } else {
         for (int t = 0; t < p->terms; t++) {
             scales[t] *= scales[t];

@@ -15,6 +15,7 @@ int terms_material_fill(const struct problem *problem, const struct factors *fac
                         struct nacre_material *material, struct nacre_error *error);
 
 /* Planes in place by those that the file will hold. */
-void terms_material_round(const struct problem *problem, int bits, struct factors *factors);
+int terms_material_round(const struct problem *problem, int bits, struct factors *factors,
+                         struct nacre_error *error);
 
 #endif
