@@ -229,10 +229,12 @@ int mesh_subdivide(struct mesh *mesh, mesh_edge_rule *rule, const void *context,
     struct splitting splitting = {rule, context,
                                   calloc(mesh->triangle_count + 1, sizeof *splitting.settled),
                                   mesh->triangle_count};
-    int status =
-        splitting.settled ? NACRE_OK : nacre_fail_memory(error, "splitting the edges of a mesh");
+    int status = NACRE_OK;
     bool done = false;
     *limited = false;
+    if (!splitting.settled) {
+        return nacre_fail_memory(error, "splitting the edges of a mesh");
+    }
     for (int round = 0; status == NACRE_OK && !done; round++) {
         status = subdivide_once(mesh, &splitting, limit, limited, &done, error);
         *limited = *limited || (!done && round == ROUNDS_MOST);
