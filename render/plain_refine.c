@@ -6,6 +6,12 @@
 /* Edges in the picture are no longer, nor those that others cut there; for other reasons they need not be shorter. */
 static const double edge_pixels = 8, contact_pixels = 0.4, least_pixels = 4;
 
+/* Of a turntable's pictures, which are to be drawn quickly. */
+static const double turning_pixels = 12;
+
+/* Where surfaces are seen at a flat angle, edges that look shorter may be longer by up to this. */
+static const double longest_slant = 3;
+
 /* Of the largest extent, and for what is out of the picture, too: it lights other surfaces. */
 static const double even_share = 1.0 / 48;
 
@@ -15,6 +21,7 @@ static const double margin = 1.05;
 struct looking {
     struct view view; /* widened by the margin */
     double pixel;     /* its width at unit distance */
+    double edge_pixels;
     double even_mm;
     const struct world *others; /* or NULL */
     bool around;                /* the camera goes round the vertical through `at` */
@@ -102,6 +109,16 @@ static double find_distance(const struct looking *looking, struct vec3 point, do
                                : vec3_length(vec3_subtract(point, looking->view.position));
 }
 
+/* How much longer an edge is than it looks; of one that is seen from all around, nothing is known. */
+static double slant(const struct looking *looking, struct vec3 a, struct vec3 b)
+{
+    struct vec3 edge = vec3_unit(vec3_subtract(b, a));
+    struct vec3 way =
+        vec3_unit(vec3_subtract(vec3_scale(vec3_add(a, b), 0.5), looking->view.position));
+    double across = vec3_length(vec3_cross(edge, way));
+    return looking->around ? 1 : 1 / fmax(across, 1 / longest_slant);
+}
+
 /* A triangle lies within the spheres over its edges, so what is seen of it has an edge that counts as seen. Parts of an
  * edge that counts may not: were they allowed less, splitting would go on without end. */
 static double allowed_in_view(const void *context, struct vec3 a, struct vec3 b)
@@ -111,10 +128,11 @@ static double allowed_in_view(const void *context, struct vec3 a, struct vec3 b)
     bool hidden;
     double distance = find_distance(looking, vec3_scale(vec3_add(a, b), 0.5), length / 2, &hidden);
     double pixel_mm = fmax(distance - length / 2, distance / 4) * looking->pixel;
+    double most = looking->edge_pixels * pixel_mm;
     if (hidden) {
-        return fmax(even, edge_pixels * pixel_mm);
+        return fmax(even, longest_slant * most);
     }
-    double allowed = fmin(fmax(even, least_pixels * pixel_mm), edge_pixels * pixel_mm);
+    double allowed = fmin(fmax(even, least_pixels * pixel_mm), most) * slant(looking, a, b);
     bool cut = looking->others && length > contact_pixels * pixel_mm && length <= allowed &&
                world_crossed(looking->others, a, b);
     return cut ? contact_pixels * pixel_mm : allowed;
@@ -131,6 +149,7 @@ int plain_refine(struct mesh *mesh, const struct scene *scene, bool around,
     mesh_bounds(mesh, &low, &high);
     looking.even_mm = even_share * vec3_length(vec3_subtract(high, low));
     looking.upright = fabs(looking.view.right.z) < 1e-6;
+    looking.edge_pixels = around ? turning_pixels : edge_pixels;
     looking.pixel = 2 * looking.view.tan_x / scene->image.width;
     looking.view.tan_x *= margin;
     looking.view.tan_y *= margin;
