@@ -24,11 +24,15 @@
     X(CREATEPROGRAM, CreateProgram)                                                                \
     X(CREATESHADER, CreateShader)                                                                  \
     X(DELETESHADER, DeleteShader)                                                                  \
+    X(DISABLE, Disable)                                                                            \
+    X(DRAWARRAYS, DrawArrays)                                                                      \
     X(DRAWBUFFER, DrawBuffer)                                                                      \
+    X(DRAWBUFFERS, DrawBuffers)                                                                    \
     X(DRAWELEMENTS, DrawElements)                                                                  \
     X(ENABLE, Enable)                                                                              \
     X(ENABLEVERTEXATTRIBARRAY, EnableVertexAttribArray)                                            \
     X(FRAMEBUFFERRENDERBUFFER, FramebufferRenderbuffer)                                            \
+    X(FRAMEBUFFERTEXTURE2D, FramebufferTexture2D)                                                  \
     X(FRAMEBUFFERTEXTURELAYER, FramebufferTextureLayer)                                            \
     X(GENBUFFERS, GenBuffers)                                                                      \
     X(GENFRAMEBUFFERS, GenFramebuffers)                                                            \
@@ -49,6 +53,9 @@
     X(READPIXELS, ReadPixels)                                                                      \
     X(RENDERBUFFERSTORAGE, RenderbufferStorage)                                                    \
     X(SHADERSOURCE, ShaderSource)                                                                  \
+    X(STENCILFUNC, StencilFunc)                                                                    \
+    X(STENCILOP, StencilOp)                                                                        \
+    X(TEXIMAGE2D, TexImage2D)                                                                      \
     X(TEXIMAGE3D, TexImage3D)                                                                      \
     X(TEXPARAMETERI, TexParameteri)                                                                \
     X(TEXSUBIMAGE3D, TexSubImage3D)                                                                \

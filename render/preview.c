@@ -5,7 +5,57 @@
 
 #include <stdlib.h>
 
-extern const struct opencl_source preview_depth_frag;
+extern const struct opencl_source preview_vertex_vert, preview_depth_frag, preview_seen_frag;
+
+static void make_texture(const struct osmesa *gl, GLenum unit, GLenum attachment, int width,
+                         int height)
+{
+    GLuint texture;
+    gl->GenTextures(1, &texture);
+    gl->ActiveTexture(unit);
+    gl->BindTexture(GL_TEXTURE_2D, texture);
+    gl->TexImage2D(GL_TEXTURE_2D, 0, GL_RGBA32F, width, height, 0, GL_RGBA, GL_FLOAT, NULL);
+    gl->TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+    gl->TexParameteri(GL_TEXTURE_2D, GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+    gl->FramebufferTexture2D(GL_FRAMEBUFFER, attachment, GL_TEXTURE_2D, texture, 0);
+}
+
+/* A buffer to draw on. */
+static GLuint make_buffer(const struct osmesa *gl, GLenum kind, int width, int height)
+{
+    GLuint buffer;
+    gl->GenRenderbuffers(1, &buffer);
+    gl->BindRenderbuffer(GL_RENDERBUFFER, buffer);
+    gl->RenderbufferStorage(GL_RENDERBUFFER, kind, width, height);
+    return buffer;
+}
+
+/* What pixels see, and the picture, which share depths and stencil. */
+static bool make_frames(struct preview *preview, int width, int height)
+{
+    const struct osmesa *gl = &preview->gl;
+    const GLenum both[2] = {GL_COLOR_ATTACHMENT0, GL_COLOR_ATTACHMENT1};
+    GLuint depths = make_buffer(gl, GL_DEPTH32F_STENCIL8, width, height);
+    GLuint picture = make_buffer(gl, GL_RGBA32F, width, height);
+    GLuint *frames[2] = {&preview->seen, &preview->frame};
+    bool complete = true;
+    for (int i = 0; i < 2; i++) {
+        gl->GenFramebuffers(1, frames[i]);
+        gl->BindFramebuffer(GL_FRAMEBUFFER, *frames[i]);
+        gl->FramebufferRenderbuffer(GL_FRAMEBUFFER, GL_DEPTH_STENCIL_ATTACHMENT, GL_RENDERBUFFER,
+                                    depths);
+        if (i == 0) {
+            make_texture(gl, GL_TEXTURE2, both[0], width, height);
+            make_texture(gl, GL_TEXTURE3, both[1], width, height);
+            gl->DrawBuffers(2, both);
+        } else {
+            gl->FramebufferRenderbuffer(GL_FRAMEBUFFER, both[0], GL_RENDERBUFFER, picture);
+        }
+        complete =
+            complete && gl->CheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE;
+    }
+    return complete;
+}
 
 /* What pictures are drawn on. */
 static int make_canvas(struct preview *preview, bool smooth, struct nacre_error *error)
@@ -14,7 +64,6 @@ static int make_canvas(struct preview *preview, bool smooth, struct nacre_error 
     const struct scene_image *image = &preview->scene->image;
     int larger = image->width > image->height ? image->width : image->height;
     GLint most = 0;
-    GLuint buffers[2];
     gl->GetIntegerv(GL_MAX_RENDERBUFFER_SIZE, &most);
     if (larger > most) {
         return nacre_fail(error, "a preview of %d x %d pixels is larger than OpenGL draws (%d)",
@@ -26,18 +75,8 @@ static int make_canvas(struct preview *preview, bool smooth, struct nacre_error 
     if (!preview->pixels) {
         return nacre_fail_memory(error, "a preview");
     }
-    gl->GenFramebuffers(1, &preview->frame);
-    gl->BindFramebuffer(GL_FRAMEBUFFER, preview->frame);
-    gl->GenRenderbuffers(2, buffers);
-    for (int i = 0; i < 2; i++) {
-        gl->BindRenderbuffer(GL_RENDERBUFFER, buffers[i]);
-        gl->RenderbufferStorage(GL_RENDERBUFFER, i ? GL_DEPTH_COMPONENT32F : GL_RGBA32F, width,
-                                height);
-        gl->FramebufferRenderbuffer(GL_FRAMEBUFFER, i ? GL_DEPTH_ATTACHMENT : GL_COLOR_ATTACHMENT0,
-                                    GL_RENDERBUFFER, buffers[i]);
-    }
     gl->PixelStorei(GL_PACK_ALIGNMENT, 1);
-    return gl->CheckFramebufferStatus(GL_FRAMEBUFFER) == GL_FRAMEBUFFER_COMPLETE
+    return make_frames(preview, width, height)
                ? preview_check(preview, "making room for a picture", error)
                : nacre_fail(error, "cannot draw a preview: OpenGL cannot draw floats");
 }
@@ -67,8 +106,10 @@ int preview_open(const struct stage *stage, bool smooth, struct preview **previe
         goto out;
     }
     if (osmesa_open(&made->gl, error) != NACRE_OK ||
-        preview_link(&made->gl, PREVIEW_VERSION, &preview_depth_frag, &made->depth_program,
-                     error) != NACRE_OK) {
+        preview_link(&made->gl, &preview_vertex_vert, PREVIEW_VERSION, &preview_depth_frag,
+                     &made->depth_program, error) != NACRE_OK ||
+        preview_link(&made->gl, &preview_vertex_vert, PREVIEW_VERSION, &preview_seen_frag,
+                     &made->seen_program, error) != NACRE_OK) {
         goto out;
     }
     for (size_t i = 0; i < scene->object_count; i++) {
@@ -141,6 +182,51 @@ static void reduce(const struct preview *preview, const struct view *view, struc
     }
 }
 
+static void set_vector(const struct osmesa *gl, GLuint program, const char *name, struct vec3 v)
+{
+    gl->Uniform3f(gl->GetUniformLocation(program, name), (float)v.x, (float)v.y, (float)v.z);
+}
+
+/* Draw what each pixel sees of the surfaces, and number them. */
+static void draw_seen(const struct preview *preview, const struct view *view)
+{
+    const struct osmesa *gl = &preview->gl;
+    gl->BindFramebuffer(GL_FRAMEBUFFER, preview->seen);
+    gl->ClearColor(0, 0, 0, 0);
+    gl->Clear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT | GL_STENCIL_BUFFER_BIT);
+    gl->Enable(GL_STENCIL_TEST);
+    gl->StencilOp(GL_KEEP, GL_KEEP, GL_REPLACE);
+    gl->UseProgram(preview->seen_program);
+    preview_set_projection(preview, preview->seen_program, view);
+    preview_draw_surfaces(preview, view, gl->GetUniformLocation(preview->seen_program, "number"));
+}
+
+/* Light it, and leave the rest to the background. */
+static void draw_picture(const struct preview *preview, const struct view *view, int width,
+                         int height)
+{
+    const struct osmesa *gl = &preview->gl;
+    const double *background = preview->scene->image.background;
+    gl->BindFramebuffer(GL_FRAMEBUFFER, preview->frame);
+    gl->ClearColor((float)background[0], (float)background[1], (float)background[2], 0);
+    gl->Clear(GL_COLOR_BUFFER_BIT);
+    gl->Disable(GL_DEPTH_TEST);
+    gl->StencilOp(GL_KEEP, GL_KEEP, GL_KEEP);
+    for (size_t k = 0; k < preview->shade_count; k++) {
+        GLuint program = preview->shades[k].program;
+        gl->UseProgram(program);
+        set_vector(gl, program, "eye", view->position);
+        set_vector(gl, program, "ahead", view->forward);
+        set_vector(gl, program, "rightwards", vec3_scale(view->right, view->tan_x));
+        set_vector(gl, program, "upwards", vec3_scale(view->up, view->tan_y));
+        gl->Uniform2f(gl->GetUniformLocation(program, "half_size"), (float)width / 2,
+                      (float)height / 2);
+    }
+    preview_light_surfaces(preview);
+    gl->Enable(GL_DEPTH_TEST);
+    gl->Disable(GL_STENCIL_TEST);
+}
+
 int preview_draw(struct preview *preview, double turn_deg, struct picture *picture,
                  struct nacre_error *error)
 {
@@ -151,19 +237,9 @@ int preview_draw(struct preview *preview, double turn_deg, struct picture *pictu
     if (picture_allocate(picture, image->width, image->height, error) != NACRE_OK) {
         return NACRE_FAILED;
     }
-    gl->BindFramebuffer(GL_FRAMEBUFFER, preview->frame);
     gl->Viewport(0, 0, width, height);
-    gl->ClearColor((float)image->background[0], (float)image->background[1],
-                   (float)image->background[2], 0);
-    gl->Clear(GL_COLOR_BUFFER_BIT | GL_DEPTH_BUFFER_BIT);
-    for (size_t k = 0; k < preview->shade_count; k++) {
-        GLuint program = preview->shades[k].program;
-        gl->UseProgram(program);
-        gl->Uniform3f(gl->GetUniformLocation(program, "eye"), (float)view.position.x,
-                      (float)view.position.y, (float)view.position.z);
-        preview_set_projection(preview, program, &view);
-    }
-    preview_draw_surfaces(preview, &view, true);
+    draw_seen(preview, &view);
+    draw_picture(preview, &view, width, height);
     gl->ReadPixels(0, 0, width, height, GL_RGBA, GL_FLOAT, preview->pixels);
     if (preview_check(preview, "drawing", error) != NACRE_OK) {
         picture_finish(picture);

@@ -133,7 +133,7 @@ int preview_draw_maps(struct preview *preview, struct nacre_error *error)
                                             preview->layers[i][face]);
                 gl->Clear(GL_DEPTH_BUFFER_BIT);
                 preview_set_projection(preview, preview->depth_program, &view);
-                preview_draw_surfaces(preview, &view, false);
+                preview_draw_surfaces(preview, &view, -1);
             }
         }
     }
@@ -227,6 +227,8 @@ int preview_set_lights(const struct preview *preview, struct nacre_error *error)
         gl->UseProgram(program);
         gl->Uniform1i(gl->GetUniformLocation(program, "depths"), 0);
         gl->Uniform1i(gl->GetUniformLocation(program, "slides"), 1);
+        gl->Uniform1i(gl->GetUniformLocation(program, "seen_light"), 2);
+        gl->Uniform1i(gl->GetUniformLocation(program, "seen_normal"), 3);
         for (size_t i = 0; i < preview->light_count; i++) {
             set_light(preview, program, i);
         }

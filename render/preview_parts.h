@@ -11,12 +11,12 @@
 enum { PREVIEW_FACES = 6 };
 
 /* What every shader begins with. */
-#define PREVIEW_VERSION "#version 400 core\n"
+#define PREVIEW_VERSION "#version 420 core\n"
 
 /* A program for surfaces of one kind. */
 struct shade {
     int pictures, end; /* lights that cast pictures, and all, that it adds */
-    bool translucent, bounded;
+    bool translucent, bounded, round;
     GLuint program;
 };
 
@@ -42,9 +42,9 @@ struct preview {
     struct shade *shades; /* no more than surfaces */
     size_t shade_count;
     double nearest_mm, farthest_mm; /* of the scene from its farthest light or camera */
-    GLuint depth_program;
-    GLuint frame;
-    int scale; /* its pixels to one of the picture, in x and y */
+    GLuint depth_program, seen_program;
+    GLuint seen, frame; /* what pixels see, and the picture */
+    int scale;          /* its pixels to one of the picture, in x and y */
     GLuint maps;
     int map_size, layer_count;
     int layers[PREVIEW_LIGHTS_MAXIMUM][PREVIEW_FACES];
@@ -54,9 +54,9 @@ struct preview {
 /* Turn what OpenGL has to say into an error; `action`: when. */
 int preview_check(const struct preview *preview, const char *action, struct nacre_error *error);
 
-/* Make a program of the vertices' shader and of `pixels`, which `begin` stands before. */
-int preview_link(const struct osmesa *gl, const char *begin, const struct opencl_source *pixels,
-                 GLuint *program, struct nacre_error *error);
+/* Make a program of shaders for vertices and pixels; `begin` stands before the latter. */
+int preview_link(const struct osmesa *gl, const struct opencl_source *vertices, const char *begin,
+                 const struct opencl_source *pixels, GLuint *program, struct nacre_error *error);
 
 /* The matrix of a view's pyramid. */
 void preview_set_projection(const struct preview *preview, GLuint program, const struct view *view);
@@ -68,8 +68,11 @@ int preview_upload_surface(struct preview *preview, const struct stage *stage, s
 /* A program for each kind of surface that there is. */
 int preview_make_shades(struct preview *preview, struct nacre_error *error);
 
-/* All surfaces, each by its program, or (not `shaded`) by the one in use. */
-void preview_draw_surfaces(const struct preview *preview, const struct view *view, bool shaded);
+/* All surfaces by the program in use, numbered in the stencil and at the uniform `number` (-1: none). */
+void preview_draw_surfaces(const struct preview *preview, const struct view *view, GLint number);
+
+/* Light what was drawn into the picture, each surface by its program. */
+void preview_light_surfaces(const struct preview *preview);
 
 /* Take the stage's lights in the shader's order. */
 int preview_order_lights(struct preview *preview, const struct stage *stage,

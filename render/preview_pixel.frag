@@ -1,4 +1,4 @@
-// The light that leaves a surface towards the camera: what was calculated beforehand, and what lights without extent
+// The light that leaves what a pixel sees towards the camera: what was calculated beforehand, and what lights without extent
 // add with shadows from maps of depths, as POV-Ray is told in pov.c. Lengths in mm.
 const int LIGHTS = 8;
 
@@ -12,12 +12,17 @@ struct Light {
     int layers[6];            // of the map of depths that look forward, right, left, up, down, back; -1: none
 };
 
-uniform vec3 eye;
+layout(early_fragment_tests) in; // pixels of other surfaces are left out
+
+uniform sampler2D seen_light, seen_normal; // preview_seen.frag
+uniform vec3 eye, ahead, rightwards, upwards; // to the picture's middle, right and upper side at unit depth
+uniform vec2 half_size; // of the picture, pixels
+uniform float number;
 uniform float exposure;
 uniform vec3 colour; // of a plain surface
 uniform float specular, roughness;
 uniform float index; // of refraction; 1: light leaves alike in all directions
-// PICTURES, END, TRANSLUCENT and BOUNDED (an index of refraction) are defined in front of this, for each kind of surface:
+// PICTURES, END, TRANSLUCENT, BOUNDED (an index of refraction) and ROUND (a light's shadows need more than one map) are defined in front of this, for each kind of surface:
 // llvmpipe goes through the body of a loop or an `if` whether or not a pixel takes it. Lights that cast pictures come
 // first, up to PICTURES, then others, up to END.
 uniform Light lights[LIGHTS];
@@ -27,7 +32,6 @@ uniform float depth_tangent;       // half extent of a map at unit distance
 uniform vec2 depth_planes;         // nearest and farthest distance in a map
 uniform float depth_texel;         // width of a map's texel at unit distance
 
-in vec3 place, side, baked;
 out vec4 result;
 
 vec3 picture(int number, vec3 direction)
@@ -62,9 +66,10 @@ float visible(int number, vec3 point, vec3 normal)
     way = point - lights[number].position;
     d = vec3(dot(way, lights[number].right), dot(way, lights[number].up), dot(way, lights[number].forward));
     size = abs(d);
-    int face;
-    vec3 seen; // right, up, forward in the map
-    if (size.z >= size.x && size.z >= size.y) {
+    int face = 0;
+    vec3 seen = d; // right, up, forward in the map
+    if (!ROUND) {
+    } else if (size.z >= size.x && size.z >= size.y) {
         face = d.z > 0 ? 0 : 5;
         seen = d.z > 0 ? d : vec3(-d.x, d.y, -d.z);
     } else if (size.x >= size.y) {
@@ -85,7 +90,7 @@ float visible(int number, vec3 point, vec3 normal)
 }
 
 // What a light adds that is of this colour in the direction of the place.
-vec3 added(int number, vec3 direction, vec3 shade, vec3 normal, vec3 view)
+vec3 added(int number, vec3 place, vec3 direction, vec3 shade, vec3 normal, vec3 view)
 {
     vec3 way = place - lights[number].position;
     float cosine = -dot(direction, normal);
@@ -105,8 +110,15 @@ float transmitted(float cosine)
 
 void main()
 {
-    vec3 normal = normalize(side), view = normalize(eye - place);
-    vec3 sum = TRANSLUCENT ? baked : colour * baked;
+    vec4 light = texelFetch(seen_light, ivec2(gl_FragCoord.xy), 0);
+    vec4 side = texelFetch(seen_normal, ivec2(gl_FragCoord.xy), 0);
+    if (light.a != number) {
+        discard;
+    }
+    vec2 at = gl_FragCoord.xy / half_size - 1;
+    vec3 way = side.w * (ahead + at.x * rightwards + at.y * upwards), place = eye + way;
+    vec3 normal = normalize(side.xyz), view = -normalize(way);
+    vec3 sum = TRANSLUCENT ? light.rgb : colour * light.rgb;
     if (BOUNDED) {
         float cosine = dot(normal, view);
         sum *= cosine > 0 ? transmitted(min(cosine, 1.0)) : 0.0;
@@ -114,11 +126,11 @@ void main()
     normal *= dot(normal, view) < 0 ? -1 : 1; // POV-Ray lights the side that is seen
     for (int i = 0; i < PICTURES; i++) {
         vec3 direction = normalize(place - lights[i].position);
-        sum += added(i, direction, picture(i, direction), normal, view);
+        sum += added(i, place, direction, picture(i, direction), normal, view);
     }
     for (int i = PICTURES; i < END; i++) {
         vec3 direction = normalize(place - lights[i].position);
-        sum += added(i, direction, vec3(cone(i, direction)), normal, view);
+        sum += added(i, place, direction, vec3(cone(i, direction)), normal, view);
     }
     result = vec4(sum * exposure, 1);
 }

@@ -3,8 +3,6 @@
 
 #include <stdlib.h>
 
-extern const struct opencl_source preview_vertex_vert;
-
 int preview_check(const struct preview *preview, const char *action, struct nacre_error *error)
 {
     GLenum code = preview->gl.GetError();
@@ -37,14 +35,13 @@ static int compile(const struct osmesa *gl, GLenum kind, const char *begin,
                 : nacre_fail(error, "cannot draw a preview: %s: %s", source->name, message);
 }
 
-int preview_link(const struct osmesa *gl, const char *begin, const struct opencl_source *pixels,
-                 GLuint *program, struct nacre_error *error)
+int preview_link(const struct osmesa *gl, const struct opencl_source *vertices, const char *begin,
+                 const struct opencl_source *pixels, GLuint *program, struct nacre_error *error)
 {
     char message[512] = "";
     GLint good = GL_FALSE;
     GLuint shaders[2] = {0, 0};
-    int status =
-        compile(gl, GL_VERTEX_SHADER, PREVIEW_VERSION, &preview_vertex_vert, &shaders[0], error);
+    int status = compile(gl, GL_VERTEX_SHADER, PREVIEW_VERSION, vertices, &shaders[0], error);
     if (status == NACRE_OK) {
         status = compile(gl, GL_FRAGMENT_SHADER, begin, pixels, &shaders[1], error);
     }

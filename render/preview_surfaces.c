@@ -3,7 +3,7 @@
 
 #include <stdio.h>
 
-extern const struct opencl_source preview_pixel_frag;
+extern const struct opencl_source preview_pixel_frag, preview_whole_vert;
 
 int preview_upload_surface(struct preview *preview, const struct stage *stage, size_t number,
                            struct nacre_error *error)
@@ -25,23 +25,39 @@ int preview_upload_surface(struct preview *preview, const struct stage *stage, s
     return status == NACRE_OK ? preview_check(preview, "taking a mesh", error) : status;
 }
 
-void preview_draw_surfaces(const struct preview *preview, const struct view *view, bool shaded)
+/* The stencil has 8 bits; the shader tells surfaces of one value apart. */
+static GLint stencil_of(size_t surface)
+{
+    return (GLint)(surface % 255) + 1;
+}
+
+void preview_draw_surfaces(const struct preview *preview, const struct view *view, GLint number)
+{
+    const struct osmesa *gl = &preview->gl;
+    for (size_t i = 0; i < preview->surface_count; i++) {
+        gl->StencilFunc(GL_ALWAYS, stencil_of(i), 0xff);
+        gl->Uniform1f(number, (float)(i + 1));
+        preview_mesh_draw(&preview->surfaces[i].mesh, gl, view);
+    }
+}
+
+void preview_light_surfaces(const struct preview *preview)
 {
     const struct osmesa *gl = &preview->gl;
     for (size_t i = 0; i < preview->surface_count; i++) {
         const struct surface *surface = &preview->surfaces[i];
         const struct scene_object *settings = surface->settings;
-        if (shaded) {
-            GLuint program = surface->program;
-            gl->UseProgram(program);
-            gl->Uniform1f(gl->GetUniformLocation(program, "index"), (float)surface->index);
-            gl->Uniform3f(gl->GetUniformLocation(program, "colour"), (float)settings->color[0],
-                          (float)settings->color[1], (float)settings->color[2]);
-            gl->Uniform1f(gl->GetUniformLocation(program, "specular"), (float)surface->specular);
-            gl->Uniform1f(gl->GetUniformLocation(program, "roughness"),
-                          (float)settings->gloss.roughness);
-        }
-        preview_mesh_draw(&surface->mesh, gl, view);
+        GLuint program = surface->program;
+        gl->UseProgram(program);
+        gl->StencilFunc(GL_EQUAL, stencil_of(i), 0xff);
+        gl->Uniform1f(gl->GetUniformLocation(program, "number"), (float)(i + 1));
+        gl->Uniform1f(gl->GetUniformLocation(program, "index"), (float)surface->index);
+        gl->Uniform3f(gl->GetUniformLocation(program, "colour"), (float)settings->color[0],
+                      (float)settings->color[1], (float)settings->color[2]);
+        gl->Uniform1f(gl->GetUniformLocation(program, "specular"), (float)surface->specular);
+        gl->Uniform1f(gl->GetUniformLocation(program, "roughness"),
+                      (float)settings->gloss.roughness);
+        gl->DrawArrays(GL_TRIANGLES, 0, 3);
     }
 }
 
@@ -52,17 +68,24 @@ static struct shade shade_of(const struct preview *preview, const struct surface
     bool glossy = surface->specular > 0, all = surface->translucent && glossy;
     size_t end = all ? preview->light_count : preview->hard_count;
     end = surface->translucent && !glossy ? 0 : end;
+    bool round = false;
+    for (size_t i = 0; i < end; i++) {
+        for (int face = 1; face < PREVIEW_FACES; face++) {
+            round = round || preview->layers[i][face] >= 0;
+        }
+    }
     return (struct shade){.pictures =
                               (int)(end < preview->picture_count ? end : preview->picture_count),
                           .end = (int)end,
                           .translucent = surface->translucent,
-                          .bounded = surface->index > 1};
+                          .bounded = surface->index > 1,
+                          .round = round};
 }
 
 static bool shades_alike(const struct shade *a, const struct shade *b)
 {
     return a->pictures == b->pictures && a->end == b->end && a->translucent == b->translucent &&
-           a->bounded == b->bounded;
+           a->bounded == b->bounded && a->round == b->round;
 }
 
 int preview_make_shades(struct preview *preview, struct nacre_error *error)
@@ -77,11 +100,12 @@ int preview_make_shades(struct preview *preview, struct nacre_error *error)
             char begin[256];
             (void)snprintf(begin, sizeof begin,
                            "%s#define PICTURES %d\n#define END %d\n#define TRANSLUCENT %s\n"
-                           "#define BOUNDED %s\n",
+                           "#define BOUNDED %s\n#define ROUND %s\n",
                            PREVIEW_VERSION, shade.pictures, shade.end,
-                           shade.translucent ? "true" : "false", shade.bounded ? "true" : "false");
-            if (preview_link(&preview->gl, begin, &preview_pixel_frag, &shade.program, error) !=
-                NACRE_OK) {
+                           shade.translucent ? "true" : "false", shade.bounded ? "true" : "false",
+                           shade.round ? "true" : "false");
+            if (preview_link(&preview->gl, &preview_whole_vert, begin, &preview_pixel_frag,
+                             &shade.program, error) != NACRE_OK) {
                 return NACRE_FAILED;
             }
             preview->shades[preview->shade_count++] = shade;

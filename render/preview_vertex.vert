@@ -5,11 +5,10 @@ layout(location = 0) in vec3 position;
 layout(location = 1) in vec3 normal;
 layout(location = 2) in vec3 light;
 
-out vec3 place, side, baked;
+out vec3 side, baked;
 
 void main()
 {
-    place = position;
     side = normal;
     baked = light;
     gl_Position = projection * vec4(position, 1);
