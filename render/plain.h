@@ -10,10 +10,10 @@
 #include "render/world.h"
 
 /* Split edges that the camera would see longer than a few pixels, also while it goes `around` what it looks at, and what is
- * out of the picture into even pieces; and where one of the `others` (or NULL) cuts an edge, as it does where it stands on
+ * out of the picture into even pieces (`evenly`: all, as what lights other surfaces needs); and where one of the `others` (or NULL) cuts an edge, as it does where it stands on
  * the mesh, longer than half of a pixel: a vertex below it is dark, and would draw a dark tooth out from under it.
  * *limited: edges stayed longer, as there would be more triangles than `limit`. */
-int plain_refine(struct mesh *mesh, const struct scene *scene, bool around,
+int plain_refine(struct mesh *mesh, const struct scene *scene, bool around, bool evenly,
                  const struct world *others, size_t limit, bool *limited,
                  struct nacre_error *error);
 

@@ -25,6 +25,7 @@ struct looking {
     double even_mm;
     const struct world *others; /* or NULL */
     bool around;                /* the camera goes round the vertical through `at` */
+    bool evenly;                /* no edge may be longer than even_mm */
     bool upright;               /* and sees verticals upright */
     struct vec3 at;
 };
@@ -130,21 +131,23 @@ static double allowed_in_view(const void *context, struct vec3 a, struct vec3 b)
     double pixel_mm = fmax(distance - length / 2, distance / 4) * looking->pixel;
     double most = looking->edge_pixels * pixel_mm;
     if (hidden) {
-        return fmax(even, longest_slant * most);
+        return looking->evenly ? even : fmax(even, longest_slant * most);
     }
     double allowed = fmin(fmax(even, least_pixels * pixel_mm), most) * slant(looking, a, b);
+    allowed = looking->evenly ? fmin(allowed, even) : allowed;
     bool cut = looking->others && length > contact_pixels * pixel_mm && length <= allowed &&
                world_crossed(looking->others, a, b);
     return cut ? contact_pixels * pixel_mm : allowed;
 }
 
-int plain_refine(struct mesh *mesh, const struct scene *scene, bool around,
+int plain_refine(struct mesh *mesh, const struct scene *scene, bool around, bool evenly,
                  const struct world *others, size_t limit, bool *limited, struct nacre_error *error)
 {
     struct vec3 low, high;
     struct looking looking = {.view = view_make(scene, 0),
                               .others = others,
                               .around = around,
+                              .evenly = evenly,
                               .at = vec3_from_doubles(scene->camera.at_mm)};
     mesh_bounds(mesh, &low, &high);
     looking.even_mm = even_share * vec3_length(vec3_subtract(high, low));

@@ -110,7 +110,8 @@ static int refine_plain(const struct stage *stage, struct stage_object *prepared
     }
     int status = make_others(stage, prepared, &others, error);
     if (status == NACRE_OK) {
-        status = plain_refine(&prepared->mesh, stage->scene, stage->settings->turns, others,
+        status = plain_refine(&prepared->mesh, stage->scene, stage->settings->turns,
+                              render_has(&stage->effects, RENDER_BOUNCES), others,
                               stage->settings->triangle_limit, limited, error);
     }
     world_free(others);

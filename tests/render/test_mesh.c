@@ -385,7 +385,7 @@ static double longest_below(const struct world *box, const struct scene *scene)
     mesh_finish(&mesh);
     TEST_ASSERT_EQUAL_INT(NACRE_OK, mesh_make_quad(&mesh, 200, 200, &error));
     TEST_ASSERT_EQUAL_INT(NACRE_OK,
-                          plain_refine(&mesh, scene, false, box, 100000, &limited, &error));
+                          plain_refine(&mesh, scene, false, false, box, 100000, &limited, &error));
     for (size_t i = 0; i < 3 * mesh.triangle_count; i++) {
         struct vec3 a, b;
         double length = edge_length(i, &a, &b);
@@ -449,8 +449,9 @@ static void what_stands_on_a_ground_is_not_split_for_it(void)
         struct motion stand =
             mesh_placement(&mesh, (const double[3]){0, 0, 0}, (struct vec3){0, 0, heights[k]});
         mesh_move(&mesh, &stand);
-        TEST_ASSERT_EQUAL_INT(NACRE_OK, plain_refine(&mesh, &scene, false, k > 0 ? world : NULL,
-                                                     100000, &limited, &error));
+        TEST_ASSERT_EQUAL_INT(NACRE_OK,
+                              plain_refine(&mesh, &scene, false, false, k > 0 ? world : NULL,
+                                           100000, &limited, &error));
         counts[k] = mesh.triangle_count;
     }
     world_free(world);
@@ -497,8 +498,8 @@ static void a_ground_is_split_for_each_turn_that_sees_it(void)
         scene.camera.up[1] = k == 4;
         mesh_finish(&mesh);
         TEST_ASSERT_EQUAL_INT(NACRE_OK, mesh_make_quad(&mesh, 900, 900, &error));
-        TEST_ASSERT_EQUAL_INT(NACRE_OK,
-                              plain_refine(&mesh, &scene, true, NULL, 1000000, &limited, &error));
+        TEST_ASSERT_EQUAL_INT(
+            NACRE_OK, plain_refine(&mesh, &scene, true, false, NULL, 1000000, &limited, &error));
         TEST_ASSERT_FALSE(limited);
         double seen = longest_seen(&scene, 60);
         TEST_ASSERT_TRUE(seen > 6 && seen <= 12 * 1.00001);
@@ -519,8 +520,8 @@ static void a_ground_is_split_by_how_long_its_edges_look(void)
     bool limited = true;
     scene.camera.position_mm[2] = 30;
     TEST_ASSERT_EQUAL_INT(NACRE_OK, mesh_make_quad(&mesh, 900, 900, &error));
-    TEST_ASSERT_EQUAL_INT(NACRE_OK,
-                          plain_refine(&mesh, &scene, false, NULL, 1000000, &limited, &error));
+    TEST_ASSERT_EQUAL_INT(
+        NACRE_OK, plain_refine(&mesh, &scene, false, false, NULL, 1000000, &limited, &error));
     double seen = longest_seen(&scene, 1);
     TEST_ASSERT_TRUE(seen > 4 && seen <= 8 * 1.00001);
 }
