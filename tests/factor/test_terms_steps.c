@@ -232,21 +232,19 @@ static void steps_within_reach_know_of_what_is_beyond(void)
 
 /* A stage on a wide sample after five steps, whose next ones see entries within reach alone: all normal matrices and gradients
  * are those of the model, which is read. */
-static struct stage open_wide(const struct sample *sample)
+static void begin_wide(struct stage *s)
 {
     enum { REACH = 4, STEPS = 5 };
-    struct stage s = stage_open(&opencl, sample, 3);
     struct nacre_error error = {0};
-    stage_begin(&opencl, &s);
-    s.data.reach = REACH;
+    stage_begin(&opencl, s);
+    s->data.reach = REACH;
     for (int i = 0; i < STEPS; i++) {
-        bench_succeed(s.method->ops->step(s.method, 0, NULL, &error), &error);
+        bench_succeed(s->method->ops->step(s->method, 0, NULL, &error), &error);
     }
-    struct terms *m = (struct terms *)s.method;
-    memcpy(s.numbers, m->channels[0].good, terms_number_count(m) * sizeof *s.numbers);
-    bench_succeed(layout_read_factor(&m->layouts[0], m->sets[0].tracks[0].good, s.planes, &error),
+    struct terms *m = (struct terms *)s->method;
+    memcpy(s->numbers, m->channels[0].good, terms_number_count(m) * sizeof *s->numbers);
+    bench_succeed(layout_read_factor(&m->layouts[0], m->sets[0].tracks[0].good, s->planes, &error),
                   &error);
-    return s;
 }
 
 /* Let the planes `moved`, with the kernels of the model, be what waits, and look at them as a burst does. */
@@ -308,7 +306,8 @@ static double objective_within(struct stage *s, const float *moved)
 static void what_lies_beyond_reach_counts_in_the_objective(void)
 {
     struct sample sample = wide_sample(27, 26, 25);
-    struct stage s = open_wide(&sample);
+    struct stage s = stage_open(&opencl, &sample, 3);
+    begin_wide(&s);
     size_t count = s.terms * s.points;
     float *moved = malloc(count * sizeof *moved);
     TEST_ASSERT_NOT_NULL(moved);
