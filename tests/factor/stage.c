@@ -13,8 +13,8 @@ struct stage stage_open(const struct opencl *opencl, const struct sample *sample
                       .terms = (size_t)terms};
     s.responses = sample_load(sample, layout_lanes(opencl));
     s.kinds = calloc(s.points, sizeof *s.kinds);
-    s.kernels =
-        calloc((size_t)(sample->channels * sample->window * sample->window), sizeof *s.kernels);
+    s.kernels = calloc((size_t)sample->channels * (size_t)sample->window * (size_t)sample->window,
+                       sizeof *s.kernels);
     for (size_t i = 0; i < s.points; i++) {
         s.kinds[i] = (uint32_t)(i % s.terms);
     }
