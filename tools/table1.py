@@ -221,7 +221,7 @@ def mean_error(made, way):
 
 
 def size(count):
-    return f'{count / 2**20:.3g} MiB'
+    return f'{count / 2**30:.3g} GiB' if count >= 1000 * 2**20 else f'{count / 2**20:.3g} MiB'
 
 
 def errors(error):
