@@ -329,10 +329,10 @@ static void print_text(const struct nacre_material *m, const struct factor_summa
     printf("%-26s %s on %s: %d terms%s, %d iterations\n", "method", m->method, opencl->name,
            m->terms, clusters, m->iterations);
     printf("%-26s %s\n", "stopped by", s->stopped_by);
-    printf("%-26s %.2f s (reading %.2f s, clustering %.2f s, iterating %.2f s, measuring %.2f s)\n",
-           "time",
+    printf("%-26s %.2f s (reading %.2f s, %s %.2f s, iterating %.2f s, measuring %.2f s)\n", "time",
            s->seconds_reading + s->seconds_clustering + s->seconds_iterating + s->seconds_measuring,
-           s->seconds_reading, s->seconds_clustering, s->seconds_iterating, s->seconds_measuring);
+           s->seconds_reading, clustered ? "clustering" : "preparing", s->seconds_clustering,
+           s->seconds_iterating, s->seconds_measuring);
     printf("%-26s %.6g\n", "objective", s->objective);
     if (!clustered) {
         print_shape(m);

@@ -8,6 +8,7 @@
 #include <limits.h>
 #include <math.h>
 #include <stdlib.h>
+#include <unistd.h>
 
 struct tradeoff_settings {
     const char *output;
@@ -84,7 +85,9 @@ static int tradeoff_verb(const void *settings, const struct invocation *invocati
                          struct nacre_error *error)
 {
     const struct tradeoff_settings *s = settings;
+    char *run_in = getcwd(NULL, 0); /* NULL where it was removed: the page is the same but for it */
     struct tradeoff_request request = {.scan = invocation->operands[0],
+                                       .run_in = run_in,
                                        .folder = s->output,
                                        .device = invocation->device,
                                        .budget = s->budget,
@@ -135,6 +138,7 @@ static int tradeoff_verb(const void *settings, const struct invocation *invocati
     responses_finish(&responses);
     opencl_close(&opencl);
     nacre_scan_close(scan);
+    free(run_in);
     return status;
 }
 

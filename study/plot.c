@@ -2,11 +2,13 @@
 #include "study/plot.h"
 
 #include "study/page.h"
+#include "study/plot_labels.h"
 
 #include <float.h>
 #include <math.h>
+#include <string.h>
 
-enum { LEFT = 52, RIGHT = 12, TOP = 26, BOTTOM = 40, TICK_LIMIT = 32 };
+enum { LEFT = 60, RIGHT = 12, TOP = 26, BOTTOM = 40, TICK_LIMIT = 32 };
 
 /* One axis: the range of the data and where it lies in the picture. */
 struct axis {
@@ -36,14 +38,17 @@ static double place(const struct axis *axis, double value)
     return axis->from + share * (axis->to - axis->from);
 }
 
-/* Give a range without width some. */
-static void settle(struct axis *axis)
+/* Give a range without width some, and a share of it as margin at both ends. */
+static void settle(struct axis *axis, double margin_share)
 {
     if (axis->logarithmic) {
         if (axis->greatest < axis->least * 1.2) {
-            axis->least /= 2;
-            axis->greatest *= 2;
+            axis->least /= 1.25;
+            axis->greatest *= 1.25;
         }
+        double factor = exp(margin_share * (log(axis->greatest) - log(axis->least)));
+        axis->least = fmax(axis->least / factor, DBL_MIN);
+        axis->greatest = fmin(axis->greatest * factor, DBL_MAX);
         return;
     }
     if (!(axis->greatest > axis->least)) {
@@ -51,6 +56,9 @@ static void settle(struct axis *axis)
         axis->least -= margin;
         axis->greatest += margin;
     }
+    double margin = margin_share * (axis->greatest - axis->least);
+    axis->least -= margin;
+    axis->greatest += margin;
 }
 
 /* The step of 1, 2 or 5 times a power of ten that gives about `wanted` of them. */
@@ -75,18 +83,26 @@ static size_t find_even_ticks(const struct axis *axis, int wanted, double ticks[
     return count;
 }
 
-/* Powers of ten; over less than two decades 2 and 5 times them as well. */
+/* Powers of ten; over few decades rounder and rounder numbers between them. */
 static size_t find_decade_ticks(const struct axis *axis, int wanted, double ticks[TICK_LIMIT])
 {
-    static const double digits[] = {1, 2, 5};
+    static const struct {
+        double decades; /* that the axis has at most */
+        double digits[10];
+    } steps[] = {{0.8, {1, 1.2, 1.5, 2, 2.5, 3, 4, 5, 6, 8}},
+                 {1.3, {1, 2, 3, 5, 7}},
+                 {2, {1, 2, 5}},
+                 {INFINITY, {1}}};
     double decades = log10(axis->greatest) - log10(axis->least);
-    int per_decade = decades < 2 ? 3 : 1;
     int stride = (int)ceil(fmax(decades / wanted, 1));
     int first = (int)floor(log10(axis->least) / stride) * stride;
-    size_t count = 0;
+    size_t count = 0, step = 0;
+    while (decades >= steps[step].decades) {
+        step++;
+    }
     for (int power = first; power <= log10(axis->greatest) + 1e-9; power += stride) {
-        for (int d = 0; d < per_decade && count < TICK_LIMIT; d++) {
-            double tick = digits[d] * pow(10, power);
+        for (int d = 0; d < 10 && steps[step].digits[d] > 0 && count < TICK_LIMIT; d++) {
+            double tick = steps[step].digits[d] * pow(10, power);
             if (tick >= axis->least * (1 - 1e-9) && tick <= axis->greatest * (1 + 1e-9)) {
                 ticks[count++] = tick;
             }
@@ -107,9 +123,9 @@ static void write_number(FILE *page, double value, bool logarithmic)
         (void)putc('0', page);
     } else if (logarithmic && (value < 0.999e-2 || value > 1.001e3)) {
         double exponent = floor(log10(value) + 1e-9);
-        double digit = round(value / pow(10, exponent));
+        double digit = round(10 * value / pow(10, exponent)) / 10;
         if (digit != 1) {
-            (void)fprintf(page, "%.0f·", digit);
+            (void)fprintf(page, "%g·", digit);
         }
         (void)fprintf(page, "10<tspan dy=\"-4\" font-size=\"8\">%s%.0f</tspan>",
                       exponent < 0 ? "−" : "", fabs(exponent));
@@ -164,13 +180,58 @@ static void begin(FILE *page, const struct plot *plot)
     (void)fputs("</text>", page);
 }
 
-/* Above the dot, to its right: a front falls from the left to the right, which leaves room there. */
-static void write_label(FILE *page, const struct plot_series *series, size_t i, double x, double y)
+static double radius_of(const struct plot_series *series)
 {
-    if (series->labels) {
-        (void)fprintf(page, "<text x=\"%.1f\" y=\"%.1f\">", x + 4, y - 4);
+    return series->radius > 0 ? series->radius : 2;
+}
+
+static bool is_visible(const struct plot_series *series, size_t i, const struct axis *x,
+                       const struct axis *y)
+{
+    return shown(x, series->x[i]) && shown(y, series->y[i]) && series->y[i] >= y->least;
+}
+
+/* Where each label of a series has room, with a line to its dot where that is not beside it. */
+static void write_labels(FILE *page, const struct plot_series *series, const struct axis *x,
+                         const struct axis *y, struct plot_labels *labels)
+{
+    for (size_t i = 0; series->labels && i < series->count; i++) {
+        struct plot_label label;
+        if (!is_visible(series, i, x, y)) {
+            continue;
+        }
+        double across = place(x, series->x[i]), down = place(y, series->y[i]);
+        if (!plot_labels_place(labels, across, down, radius_of(series), strlen(series->labels[i]),
+                               &label)) {
+            continue;
+        }
+        if (label.far) {
+            (void)fprintf(page, "<path d=\"M%.1f %.1fL%.1f %.1f\" stroke=\"#8a929c\"/>", across,
+                          down, label.x + (label.x < across ? label.width : 0), label.y - 4);
+        }
+        (void)fprintf(page, "<text class=\"label\" x=\"%.1f\" y=\"%.1f\">", label.x, label.y);
         page_text(page, series->labels[i]);
         (void)fputs("</text>", page);
+    }
+}
+
+/* Labels keep away from all dots that have one. */
+static void write_all_labels(FILE *page, const struct plot *plot, const struct axis *x,
+                             const struct axis *y)
+{
+    struct plot_labels labels = {
+        .left = LEFT, .right = plot->width, .top = TOP - 8, .bottom = plot->height - BOTTOM};
+    for (size_t s = 0; s < plot->series_count; s++) {
+        const struct plot_series *series = &plot->series[s];
+        for (size_t i = 0; series->labels && i < series->count; i++) {
+            if (is_visible(series, i, x, y)) {
+                plot_labels_avoid(&labels, place(x, series->x[i]), place(y, series->y[i]),
+                                  radius_of(series));
+            }
+        }
+    }
+    for (size_t s = 0; s < plot->series_count; s++) {
+        write_labels(page, &plot->series[s], x, y, &labels);
     }
 }
 
@@ -185,12 +246,11 @@ static void write_series(FILE *page, const struct plot_series *series, const str
                       series->colour);
     }
     for (size_t i = 0; i < series->count; i++) {
-        double radius = series->radius > 0 ? series->radius : 2;
-        bool visible = shown(x, series->x[i]) && shown(y, series->y[i]) && series->y[i] >= y->least;
+        bool visible = is_visible(series, i, x, y);
         if (visible && series->dots) {
             (void)fprintf(page, "<circle cx=\"%.1f\" cy=\"%.1f\" r=\"%g\" fill=\"%s\"/>",
-                          place(x, series->x[i]), place(y, series->y[i]), radius, series->colour);
-            write_label(page, series, i, place(x, series->x[i]), place(y, series->y[i]));
+                          place(x, series->x[i]), place(y, series->y[i]), radius_of(series),
+                          series->colour);
         } else if (visible) {
             (void)fprintf(page, "%c%.1f %.1f", drawing ? 'L' : 'M', place(x, series->x[i]),
                           place(y, series->y[i]));
@@ -231,12 +291,13 @@ void plot_write(FILE *page, const struct plot *plot)
     }
     y.least = plot->y_from_zero ? fmin(y.least, 0) : y.least;
     y.least = plot->y_floor > 0 ? fmin(fmax(y.least, plot->y_floor), y.greatest) : y.least;
-    settle(&x);
-    settle(&y);
+    settle(&x, plot->margin);
+    settle(&y, plot->margin);
     write_frame(page, plot, &x, &y);
     for (size_t s = 0; s < plot->series_count; s++) {
         write_series(page, &plot->series[s], &x, &y);
     }
+    write_all_labels(page, plot, &x, &y);
     (void)fputs("</svg>\n", page);
 }
 
@@ -248,8 +309,8 @@ void plot_histogram(FILE *page, const struct plot *plot, const double *counts, s
     for (size_t i = 0; i < count; i++) {
         widen(&y, counts[i]);
     }
-    settle(&x);
-    settle(&y);
+    settle(&x, 0);
+    settle(&y, 0);
     begin(page, plot);
     write_frame(page, plot, &x, &y);
     for (size_t i = 0; i < count; i++) {

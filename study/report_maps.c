@@ -13,8 +13,8 @@ static int begin_map(const struct report *report, const struct picture *picture,
 {
     FILE *page = report->page;
     (void)fprintf(page,
-                  "<svg viewBox=\"0 0 %d %d\" role=\"img\" aria-label=\"%s\">"
-                  "<image class=\"pixels\" width=\"%d\" height=\"%d\" "
+                  "<svg viewBox=\"0 0 %d %d\" style=\"overflow:visible\" role=\"img\" "
+                  "aria-label=\"%s\"><image class=\"pixels\" width=\"%d\" height=\"%d\" "
                   "preserveAspectRatio=\"none\" href=\"",
                   picture->width, picture->height, what, picture->width, picture->height);
     int status = page_picture(page, picture, error);
@@ -55,13 +55,16 @@ static void write_marks(const struct report *report)
                       "style=\"font-size:%.2fpx;font-weight:700;fill:#111;stroke:#fff;"
                       "stroke-width:%.2f;paint-order:stroke\">%c</text>",
                       x, y, 1.5 * unit, 1.3 * unit, x, y, 1.5 * unit, 0.6 * unit,
-                      x + side * 4 * unit, fmax(y + 1.8 * unit, 5 * unit), 5.2 * unit, 1.1 * unit,
-                      (char)('A' + (int)i));
+                      x + side * 4 * unit,
+                      fmin(fmax(y + 1.8 * unit, 5 * unit), m->height - 0.8 * unit), 5.2 * unit,
+                      1.1 * unit, (char)('A' + (int)i));
     }
     if (report->point_count > REPORT_MEDIAN) {
         const struct report_point *median = &report->points[REPORT_MEDIAN];
         double left = median->x - (m->window - 1) / 2.0;
         double top = median->y - (m->window - 1) / 2.0;
+        /* a drawing of its own, which cuts off what is beyond the sample */
+        (void)fprintf(page, "<svg width=\"%d\" height=\"%d\">", m->width, m->height);
         for (int pass = 0; pass < 2; pass++) {
             (void)fprintf(page,
                           "<rect x=\"%.2f\" y=\"%.2f\" width=\"%d\" height=\"%d\" fill=\"none\" "
@@ -69,6 +72,7 @@ static void write_marks(const struct report *report)
                           left, top, m->window, m->window, pass ? "#111" : "#fff",
                           (pass ? 0.5 : 0.9) * unit, pass ? " stroke-dasharray=\"2 1.6\"" : "");
         }
+        (void)fputs("</svg>", page);
     }
 }
 

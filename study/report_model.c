@@ -149,8 +149,8 @@ static int write_falloffs(const struct report *report, int channel, struct nacre
                         .y_label = "g relative to its maximum",
                         .y_log = true,
                         .y_floor = 1e-7,
-                        .width = 380,
-                        .height = m->mixed > 0 ? 400 : 300,
+                        .width = m->mixed > 0 ? 380 : 300,
+                        .height = m->mixed > 0 ? 400 : 240,
                         .series = series,
                         .series_count = count};
     (void)fputs("<figure>\n", report->page);
@@ -243,7 +243,7 @@ int report_write_kernels(struct report *report, struct nacre_error *error)
         "<h2>Kernels</h2>\n<p>The homogeneous part of the model: how light falls off with "
         "the distance from where it enters, the mean over all directions, one line a %s."
         "%s</p>\n<div class=\"%s\">\n",
-        clustered ? "cluster" : "term",
+        clustered ? "cluster" : "term, in the colour of its number below",
         m->layout == NACRE_KERNEL_PAIR ? " Of the pairs, those with both ends in one "
                                          "cluster."
                                        : "",

@@ -11,6 +11,9 @@
 /* Decades of the pictures' logarithmic scale. */
 enum { DECADES = 5 };
 
+/* Of the cuts' lines and dots, where there are three channels. */
+static const char channel_colours[][8] = {"#c43c4e", "#2a8a57", "#2c6cb0"};
+
 /* One point's two responses. */
 struct pair {
     float *measured, *factored; /* [channels][K][K] */
@@ -69,7 +72,6 @@ static int write_picture(const struct report *report, const struct report_point 
 static int write_cut(const struct report *report, const struct report_point *point,
                      const struct pair *pair, struct nacre_error *error)
 {
-    static const char colours[][8] = {"#c43c4e", "#2a8a57", "#2c6cb0"};
     const struct nacre_material *m = &report->material;
     size_t window = (size_t)m->window;
     struct plot_series series[6];
@@ -96,7 +98,7 @@ static int write_cut(const struct report *report, const struct report_point *poi
             series[count] =
                 (struct plot_series){.x = values, .y = y, .count = window, .dots = !factored};
             (void)snprintf(series[count].colour, sizeof series[count].colour, "%s",
-                           m->channels == 1 ? "#1a5e8c" : colours[c]);
+                           m->channels == 1 ? "#1a5e8c" : channel_colours[c]);
             count++;
         }
     }
@@ -191,7 +193,22 @@ static void write_scale(FILE *page)
                           DECADES - i);
         }
     }
-    (void)fputs("</svg>\n", page);
+    (void)fputs(
+        "</svg>\n<figcaption>Share of the greatest entry of the pair. White lies beyond the "
+        "sample, grey was not measured.</figcaption>\n",
+        page);
+}
+
+/* Which colour of the cuts is which channel. */
+static void write_legend(FILE *page, const struct nacre_material *m)
+{
+    static const char *const names[] = {"red", "green", "blue"};
+    (void)fputs("<div class=\"legend\">", page);
+    for (int c = 0; c < m->channels && m->channels == 3; c++) {
+        (void)fprintf(page, "<span><i style=\"background:%s\"></i>%s</span>", channel_colours[c],
+                      names[c]);
+    }
+    (void)fputs("</div>\n", page);
 }
 
 int report_write_responses(struct report *report, struct nacre_error *error)
@@ -215,6 +232,7 @@ int report_write_responses(struct report *report, struct nacre_error *error)
     }
     if (report->point_count > 0) {
         write_scale(page);
+        write_legend(page, &report->material);
     } else {
         (void)fputs("<p>Fewer than six surface points have been measured.</p>\n", page);
     }

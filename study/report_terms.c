@@ -103,8 +103,12 @@ static int write_term(FILE *page, const struct nacre_material *m, int term, doub
                            .logarithmic = true,
                            .alternative = "kernel of a term on a logarithmic scale"};
     struct shown f = plane_shown(m, m->f, term);
-    (void)fprintf(page, "<figure><div class=\"point\"><h3><b>%d</b>%.3g %%</h3>\n<div>", term,
-                  100 * share);
+    char colour[8];
+    palette_format(palette_group((size_t)term, (size_t)m->terms), colour);
+    (void)fprintf(page,
+                  "<figure><div class=\"point\"><h3><b style=\"background:%s\">%d</b>%.3g %%</h3>\n"
+                  "<div>",
+                  colour, term, 100 * share);
     int status = write_picture(page, &f, error);
     (void)fputs("<p class=\"muted\">F</p></div>\n", page);
     if (m->h && status == NACRE_OK) {

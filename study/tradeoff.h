@@ -64,6 +64,7 @@ struct tradeoff {
 
 struct tradeoff_request {
     const char *scan, *folder; /* paths */
+    const char *run_in;        /* the folder that paths are taken from, or NULL */
     const char *device;        /* as given with --device, or NULL */
     const char *source;        /* of the scan */
     double budget;             /* seconds for all of it */

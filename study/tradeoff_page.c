@@ -148,8 +148,9 @@ static int write_plot(FILE *page, const struct tradeoff *t, const struct rows *r
                         .y_label = "mean relative error, %",
                         .x_log = true,
                         .y_log = true,
-                        .width = 480,
-                        .height = 400,
+                        .margin = 0.03,
+                        .width = 420,
+                        .height = 360,
                         .series = d->series,
                         .series_count = d->series_count};
     (void)fputs("<figure>\n", page);
@@ -174,7 +175,9 @@ static void write_legend(FILE *page, const struct tradeoff *t)
                           kinds[kind].name);
         }
     }
-    (void)fputs("</div>\n", page);
+    (void)fputs("<span><i class=\"line\" style=\"background:#8a929c\"></i>the front: the least "
+                "error for as much</span></div>\n",
+                page);
 }
 
 /* The cheapest point whose error is at most `goal`; -1 where there is none. */
@@ -192,10 +195,35 @@ static int find_cheapest(const struct tradeoff *t, enum tradeoff_cost cost, doub
     return best;
 }
 
-/* What each step of exactness takes at least. */
+/* The least error of a front. */
+static double least_on(const struct tradeoff *t, enum tradeoff_cost cost)
+{
+    int indices[TRADEOFF_POINTS];
+    int count = tradeoff_front(t, cost, indices);
+    return count > 0 ? t->points[indices[count - 1]].error : INFINITY;
+}
+
+/* What an error of at most `goal` takes at least, if anything has it. */
+static void write_goal(FILE *page, const struct tradeoff *t, const struct rows *rows, double goal,
+                       const char *remark)
+{
+    int quick = find_cheapest(t, TRADEOFF_SECONDS, goal);
+    int small = find_cheapest(t, TRADEOFF_BYTES, goal);
+    if (quick < 0 || small < 0) {
+        return;
+    }
+    (void)fprintf(
+        page, "<tr><td>%.3g %%%s</td><td>%.3g</td><td>%d</td><td>%.4g KiB</td><td>%d</td></tr>\n",
+        100 * goal, remark, t->points[quick].seconds, rows->number[quick],
+        t->points[small].bytes / 1024, rows->number[small]);
+}
+
+/* What each step of exactness takes at least, down to the least error of the fronts. */
 static void write_goals(FILE *page, const struct tradeoff *t, const struct rows *rows)
 {
-    static const double goals[] = {0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001, 0.0005, 0.0002};
+    static const double goals[] = {0.1,    0.05,   0.03,   0.02,   0.015,  0.01,
+                                   0.007,  0.005,  0.003,  0.002,  0.0015, 0.001,
+                                   0.0007, 0.0005, 0.0003, 0.0002, 0.0001};
     (void)fputs("<h2>What to choose</h2>\n<p>For an error of at most so much: the quickest command "
                 "and the smallest material, by their numbers in the next table.</p>\n"
                 "<div class=\"scroll short\"><table class=\"numbers\">\n<tr><th>Mean error at "
@@ -203,15 +231,12 @@ static void write_goals(FILE *page, const struct tradeoff *t, const struct rows 
                 "<th>No.</th><th>Size</th><th>No.</th></tr>\n",
                 page);
     for (size_t i = 0; i < sizeof goals / sizeof *goals; i++) {
-        int quick = find_cheapest(t, TRADEOFF_SECONDS, goals[i]);
-        int small = find_cheapest(t, TRADEOFF_BYTES, goals[i]);
-        if (quick >= 0 && small >= 0) {
-            (void)fprintf(page,
-                          "<tr><td>%g %%</td><td>%.3g</td><td>%d</td><td>%.4g KiB</td><td>%d</td>"
-                          "</tr>\n",
-                          100 * goals[i], t->points[quick].seconds, rows->number[quick],
-                          t->points[small].bytes / 1024, rows->number[small]);
-        }
+        write_goal(page, t, rows, goals[i], "");
+    }
+    if (rows->count > 0) {
+        /* Both fronts reach it but for the gain that is too small to stand on them. */
+        double least = fmax(least_on(t, TRADEOFF_SECONDS), least_on(t, TRADEOFF_BYTES));
+        write_goal(page, t, rows, least, ", the least");
     }
     (void)fputs("</table></div>\n", page);
 }
@@ -265,8 +290,14 @@ static int write_table(FILE *page, const struct tradeoff *t, const struct tradeo
     int status = NACRE_OK;
     (void)fputs("<h2>What nothing beats</h2>\n<p>The points of both fronts, the most exact first. "
                 "Each command repeats its point: the same scan, device and version give the same "
-                "material, bit for bit.</p>\n<div class=\"scroll\"><table "
-                "class=\"numbers\">\n<tr><th>No.</th>"
+                "material, bit for bit.",
+                page);
+    if (request->run_in) {
+        (void)fputs(" They are to be run where the study was, in <code>", page);
+        page_text(page, request->run_in);
+        (void)fputs("</code>.", page);
+    }
+    (void)fputs("</p>\n<div class=\"scroll\"><table class=\"numbers\">\n<tr><th>No.</th>"
                 "<th>Mean error</th><th>Without the centre</th><th>Seconds</th><th>Size</th>"
                 "<th>Ratio</th><th>Front</th><th>Terms</th><th>Clusters</th><th>Window</th></tr>\n",
                 page);
@@ -342,7 +373,7 @@ static void write_key(FILE *page, const char *value, const char *meaning)
 
 static void write_head(FILE *page, const struct tradeoff *t, const struct tradeoff_request *request)
 {
-    char value[64];
+    char value[64], meaning[64];
     double spent = t->seconds_reading;
     for (int i = 0; i < t->run_count; i++) {
         spent += t->runs[i].seconds;
@@ -363,12 +394,12 @@ static void write_head(FILE *page, const struct tradeoff *t, const struct tradeo
     write_key(page, value, "window");
     (void)snprintf(value, sizeof value, "%.4g MiB", t->measured_bytes * 0x1p-20);
     write_key(page, value, "of responses");
-    (void)snprintf(value, sizeof value, "%d, %d", t->run_count, t->point_count);
-    write_key(page, value, "runs, points");
+    (void)snprintf(value, sizeof value, "%d", t->point_count);
+    (void)snprintf(meaning, sizeof meaning, "points of %d runs", t->run_count);
+    write_key(page, value, meaning);
     (void)snprintf(value, sizeof value, "%.3g s", spent);
-    char budget[64];
-    (void)snprintf(budget, sizeof budget, "spent of a budget of %.3g s", request->budget);
-    write_key(page, value, budget);
+    (void)snprintf(meaning, sizeof meaning, "spent of a budget of %.3g s", request->budget);
+    write_key(page, value, meaning);
     (void)fputs("</div>\n</header>\n", page);
 }
 
@@ -386,7 +417,7 @@ int tradeoff_write_page(FILE *page, const struct tradeoff *t,
         "from reading to the measured material, with kernels compiled before; bytes are "
         "those of the model as it is stored. Large dots stand on the front: nothing else is "
         "as exact and as quick, or as exact and as small. Their numbers are the "
-        "table's.</p>\n<div class=\"two\">\n",
+        "table's, where there is room.</p>\n<div class=\"two\">\n",
         page);
     int status = write_plot(page, t, rows, TRADEOFF_SECONDS, error);
     if (status == NACRE_OK) {

@@ -134,10 +134,11 @@ struct json_t *tradeoff_to_json(const struct tradeoff *t, const struct tradeoff_
         json_decref(runs);
         return NULL;
     }
-    return json_pack("{s:s, s:i, s:i, s:i, s:i, s:f, s:f, s:f, s:o, s:o}", "scan", request->scan,
-                     "width", t->width, "height", t->height, "channels", t->channels, "window",
-                     t->window, "bytes_measured", t->measured_bytes, "budget", request->budget,
-                     "seconds_reading", t->seconds_reading, "runs", runs, "points", points);
+    return json_pack("{s:s, s:s*, s:i, s:i, s:i, s:i, s:f, s:f, s:f, s:o, s:o}", "scan",
+                     request->scan, "run_in", request->run_in, "width", t->width, "height",
+                     t->height, "channels", t->channels, "window", t->window, "bytes_measured",
+                     t->measured_bytes, "budget", request->budget, "seconds_reading",
+                     t->seconds_reading, "runs", runs, "points", points);
 }
 
 static int write_json(FILE *file, const struct tradeoff *t, const struct tradeoff_request *request,

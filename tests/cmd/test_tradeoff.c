@@ -59,6 +59,9 @@ static void points_can_be_repeated_by_copy_and_paste(void)
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, run.status, run.errors);
     json_t *root = json_loads(run.output, 0, &why);
     TEST_ASSERT_NOT_NULL_MESSAGE(root, why.text);
+    char *here = getcwd(NULL, 0);
+    TEST_ASSERT_EQUAL_STRING(here, json_string_value(json_object_get(root, "run_in")));
+    free(here);
     const json_t *points = json_object_get(root, "points"), *point = NULL;
     const json_t *quickest = NULL, *best = NULL, *started = NULL;
     size_t i = 0;

@@ -4,6 +4,7 @@
 #include "study/plot.h"
 
 #include <math.h>
+#include <stdbool.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unity.h>
@@ -53,9 +54,9 @@ static void points_stand_where_the_axes_say(void)
     static const double y[] = {1, 100};
     struct plot_series series = {.x = x, .y = y, .count = 2, .colour = "#123456"};
     struct plot plot = plain(&series);
-    /* the frame: 52 from the left, 12 from the right, 26 from the top, 40 from the bottom */
+    /* the frame: 60 from the left, 12 from the right, 26 from the top, 40 from the bottom */
     char *text = draw(&plot);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "d=\"M52.0 160.0L288.0 26.0\""), text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "d=\"M60.0 160.0L288.0 26.0\""), text);
     free(text);
     plot.y_log = true;
     static const double decades_x[] = {0, 5, 10};
@@ -64,7 +65,7 @@ static void points_stand_where_the_axes_say(void)
         .x = decades_x, .y = decades_y, .count = 3, .colour = "#123456", .dots = true};
     text = draw(&plot);
     /* 10 is the middle of the logarithmic axis */
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "cx=\"170.0\" cy=\"93.0\""), text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "cx=\"174.0\" cy=\"93.0\""), text);
     free(text);
 }
 
@@ -83,14 +84,125 @@ static void dots_have_sizes_and_labels(void)
     struct plot plot = plain(&series);
     char *text = draw(&plot);
     /* above the dot and to its right, which is at the frame's lower left */
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "<text x=\"56.0\" y=\"156.0\">a&lt;b</text>"), text);
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "cx=\"52.0\" cy=\"160.0\" r=\"4\""), text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "y=\"155.5\">a&lt;b</text>"), text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "cx=\"60.0\" cy=\"160.0\" r=\"4\""), text);
     free(text);
     series.labels = NULL;
     series.radius = 0;
     text = draw(&plot);
     TEST_ASSERT_NULL(strstr(text, "a&lt;b"));
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "cx=\"52.0\" cy=\"160.0\" r=\"2\""), text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "cx=\"60.0\" cy=\"160.0\" r=\"2\""), text);
+    free(text);
+}
+
+/* The next label's corner and width behind `text`; false behind the last. */
+static bool next_label(const char **text, double *left, double *bottom, double *width)
+{
+    static const char mark[] = "<text class=\"label\" x=\"";
+    const char *found = strstr(*text, mark);
+    if (!found) {
+        return false;
+    }
+    *left = strtod(found + strlen(mark), NULL);
+    *bottom = number_behind(found, "y=\"");
+    const char *begin = strchr(found, '>') + 1, *end = strchr(begin, '<');
+    *width = 6 * (double)(end - begin); /* narrower than any font's digits at 11 pixels would be */
+    *text = end;
+    return true;
+}
+
+/* Dots in clumps of four and alone: labels cover neither each other nor dots, and stay in the drawing. */
+static void labels_do_not_cover_each_other(void)
+{
+    enum { DOTS = 40 };
+    double x[DOTS], y[DOTS], left[DOTS], bottom[DOTS], width[DOTS];
+    char texts[DOTS][8];
+    const char *labels[DOTS];
+    size_t count = 0;
+    for (int i = 0; i < DOTS; i++) {
+        x[i] = i + 6 * floor(i / 4.0);
+        y[i] = 100.0 / (1 + x[i]);
+        (void)snprintf(texts[i], sizeof texts[i], "%d", i);
+        labels[i] = texts[i];
+    }
+    struct plot_series series = {.x = x,
+                                 .y = y,
+                                 .count = DOTS,
+                                 .colour = "#123456",
+                                 .dots = true,
+                                 .radius = 4,
+                                 .labels = labels};
+    struct plot plot = plain(&series);
+    plot.width = 420;
+    plot.height = 360;
+    plot.y_log = true;
+    plot.margin = 0.03;
+    char *text = draw(&plot);
+    for (const char *rest = text;
+         count < DOTS && next_label(&rest, &left[count], &bottom[count], &width[count]);) {
+        count++;
+    }
+    TEST_ASSERT_TRUE_MESSAGE(count >= DOTS * 3 / 4, "there is room for most");
+    for (size_t i = 0; i < count; i++) {
+        TEST_ASSERT_TRUE(left[i] >= 0 && left[i] + width[i] <= plot.width);
+        TEST_ASSERT_TRUE(bottom[i] >= 8 && bottom[i] <= plot.height);
+        for (size_t j = 0; j < i; j++) {
+            TEST_ASSERT_FALSE_MESSAGE(left[i] < left[j] + width[j] &&
+                                          left[j] < left[i] + width[i] &&
+                                          fabs(bottom[i] - bottom[j]) < 8,
+                                      "labels cover each other");
+        }
+    }
+    for (const char *dot = text; (dot = strstr(dot, "<circle cx=\"")); dot++) {
+        double across = number_behind(dot, "cx=\""), down = number_behind(dot, "cy=\"");
+        for (size_t i = 0; i < count; i++) {
+            TEST_ASSERT_FALSE_MESSAGE(across > left[i] && across < left[i] + width[i] &&
+                                          down < bottom[i] && down > bottom[i] - 8,
+                                      "a label covers a dot");
+        }
+    }
+    free(text);
+}
+
+static void a_margin_keeps_dots_off_the_axes(void)
+{
+    static const double x[] = {1, 100};
+    static const double y[] = {2, 4};
+    struct plot_series series = {
+        .x = x, .y = y, .count = 2, .colour = "#123456", .dots = true, .radius = 4};
+    struct plot plot = plain(&series);
+    plot.x_log = true;
+    plot.margin = 0.1;
+    char *text = draw(&plot);
+    /* a twelfth of the frame's 228 by 134 units at each end */
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "cx=\"79.0\" cy=\"148.8\""), text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "cx=\"269.0\" cy=\"37.2\""), text);
+    free(text);
+}
+
+/* Between 0.015 and 0.03 as between 0.55 and 8 more than powers of ten are needed. */
+static void a_narrow_logarithmic_axis_has_enough_ticks(void)
+{
+    static const double x[] = {0, 1};
+    static const double narrow[] = {0.0151, 0.031}, wide[] = {0.55, 8}, small[] = {0.0011, 0.0026};
+    struct plot_series series = {.x = x, .y = narrow, .count = 2, .colour = "#123456"};
+    struct plot plot = plain(&series);
+    plot.y_log = true;
+    char *text = draw(&plot);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, ">0.02</text>") && strstr(text, ">0.025</text>") &&
+                                     strstr(text, ">0.03</text>"),
+                                 text);
+    free(text);
+    series.y = wide;
+    text = draw(&plot);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, ">0.7</text>") && strstr(text, ">1</text>") &&
+                                     strstr(text, ">7</text>"),
+                                 text);
+    free(text);
+    series.y = small;
+    text = draw(&plot);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, ">1.5·10<tspan"), text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, ">2·10<tspan"), text);
     free(text);
 }
 
@@ -135,6 +247,7 @@ static void awkward_data_leave_no_number_that_is_none(void)
         plot.y_log = variant == 1;
         plot.x_log = variant == 2;
         plot.y_floor = variant == 1 ? 1e-3 : 0;
+        plot.margin = i % 2 ? 0.1 : 0;
         char *text = draw(&plot);
         expect_finite(text);
         free(text);
@@ -166,8 +279,8 @@ static void histogram_bars_reach_their_counts(void)
     TEST_ASSERT_EQUAL_INT(0, fclose(page));
     /* the greatest count fills the frame's 134 units, half of it 67 */
     TEST_ASSERT_DOUBLE_WITHIN(0.05, 134,
-                              number_behind(text, "y=\"26.0\" width=\"77.7\" height=\""));
-    TEST_ASSERT_DOUBLE_WITHIN(0.05, 67, number_behind(text, "y=\"93.0\" width=\"77.7\" height=\""));
+                              number_behind(text, "y=\"26.0\" width=\"75.0\" height=\""));
+    TEST_ASSERT_DOUBLE_WITHIN(0.05, 67, number_behind(text, "y=\"93.0\" width=\"75.0\" height=\""));
     TEST_ASSERT_NULL(strstr(text, "height=\"0.0\""));
     free(text);
 }
@@ -223,6 +336,9 @@ int main(void)
     UNITY_BEGIN();
     RUN_TEST(points_stand_where_the_axes_say);
     RUN_TEST(dots_have_sizes_and_labels);
+    RUN_TEST(labels_do_not_cover_each_other);
+    RUN_TEST(a_margin_keeps_dots_off_the_axes);
+    RUN_TEST(a_narrow_logarithmic_axis_has_enough_ticks);
     RUN_TEST(ticks_are_round_numbers);
     RUN_TEST(awkward_data_leave_no_number_that_is_none);
     RUN_TEST(gaps_are_not_bridged);

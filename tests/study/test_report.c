@@ -181,6 +181,42 @@ static void page_tells_the_error_and_the_row_of_table_1(void)
     free(page);
 }
 
+/* Errors are alike, so the least and the greatest are the first point and the last: two corners of 11 x 9 points. */
+static void letters_stand_within_the_albedo(void)
+{
+    static const char mark[] = "text-anchor=\"middle\" style=\"font-size:";
+    int letters = 0;
+    char *page = make_report(paper, 1.25f);
+    for (const char *at = strstr(page, mark); at; at = strstr(at + 1, mark)) {
+        const char *element = at;
+        double size = strtod(at + strlen(mark), NULL);
+        while (strncmp(element, "<text ", 6) != 0) {
+            element--;
+        }
+        double x = strtod(element + strlen("<text x=\""), NULL);
+        double y = strtod(strstr(element, " y=\"") + strlen(" y=\""), NULL);
+        /* y is a capital's foot, which is less than 0.8 of the font's size below its head */
+        TEST_ASSERT_TRUE(x > 0.4 * size && x < 11 - 0.4 * size);
+        TEST_ASSERT_TRUE(y > 0.8 * size && y < 9);
+        letters++;
+    }
+    TEST_ASSERT_EQUAL_INT(6, letters);
+    free(page);
+}
+
+/* A channel's colour is told where there are three, and nothing of channels where there is one. */
+static void colours_of_the_cuts_are_told(void)
+{
+    struct made_material wanted = paper;
+    char *page = make_report(wanted, 1);
+    expect_contains(page, "></i>green</span>");
+    free(page);
+    wanted.channels = wanted.factor_channels = 1;
+    page = make_report(wanted, 1);
+    TEST_ASSERT_NULL(strstr(page, "></i>green</span>"));
+    free(page);
+}
+
 static void every_layout_has_a_page(void)
 {
     struct made_material wanted = paper;
@@ -235,9 +271,9 @@ static void terms_are_shown_by_planes_kernels_and_shares(void)
     nacre_material_finish(&m);
     char *page = load_report("s.exr", "m.exr");
     expect_sound(page);
-    expect_contains(page, "<h3><b>0</b>80 %</h3>");
-    expect_contains(page, "<h3><b>1</b>20 %</h3>");
-    expect_contains(page, "<h3><b>2</b>0 %</h3>");
+    expect_contains(page, ">0</b>80 %</h3>");
+    expect_contains(page, ">1</b>20 %</h3>");
+    expect_contains(page, ">2</b>0 %</h3>");
     TEST_ASSERT_EQUAL_INT(6, count_of(page, "alt=\"plane of a term\""));
     TEST_ASSERT_EQUAL_INT(3, count_of(page, "alt=\"kernel of a term"));
     TEST_ASSERT_EQUAL_INT(1, count_of(page, "alt=\"plane of the centre\""));
@@ -267,7 +303,7 @@ static void error_is_plotted_beside_the_objective(void)
     expect_sound(page);
     const char *plot = strstr(page, "Error over iterations");
     TEST_ASSERT_NOT_NULL(plot);
-    expect_contains(plot, "d=\"M52.0 26.0L408.0 220.0\"");
+    expect_contains(plot, "d=\"M60.0 26.0L408.0 220.0\"");
     free(page);
 }
 
@@ -308,7 +344,7 @@ static void convergence_is_plotted(void)
     expect_contains(page, "Objective over iterations");
     expect_contains(page, "Objective over time");
     /* 100, 10, 1 at 1, 2, 3: a straight line from corner to corner of a 420 x 260 plot */
-    expect_contains(page, "d=\"M52.0 26.0L230.0 123.0L408.0 220.0\"");
+    expect_contains(page, "d=\"M60.0 26.0L234.0 123.0L408.0 220.0\"");
     TEST_ASSERT_NULL(strstr(page, "no history"));
     free(page);
 }
@@ -539,6 +575,8 @@ int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(page_tells_the_error_and_the_row_of_table_1);
+    RUN_TEST(letters_stand_within_the_albedo);
+    RUN_TEST(colours_of_the_cuts_are_told);
     RUN_TEST(every_layout_has_a_page);
     RUN_TEST(terms_are_shown_by_planes_kernels_and_shares);
     RUN_TEST(error_is_plotted_beside_the_objective);

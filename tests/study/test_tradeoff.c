@@ -473,8 +473,10 @@ static void assert_commands_are_whole(const char *page)
 static void the_files_say_the_same(void)
 {
     struct nacre_error error = {0};
-    struct tradeoff_request request = {
-        .scan = "a \"b\" <c>.exr", .folder = strdup(scratch_path("out")), .budget = 10};
+    struct tradeoff_request request = {.scan = "a \"b\" <c>.exr",
+                                       .run_in = "/there & <then>",
+                                       .folder = strdup(scratch_path("out")),
+                                       .budget = 10};
     plan_to_the_end(100);
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, tradeoff_prepare_folder(request.folder, &error),
                                   error.text);
@@ -491,8 +493,11 @@ static void the_files_say_the_same(void)
     TEST_ASSERT_EQUAL_DOUBLE(study.points[0].error,
                              json_number_value(json_object_get(first, "error")));
     TEST_ASSERT_EQUAL_UINT64(study.run_count, json_array_size(json_object_get(root, "runs")));
+    TEST_ASSERT_EQUAL_STRING(request.run_in, json_string_value(json_object_get(root, "run_in")));
     json_decref(root);
     char *page = load_text("out/tradeoff.html");
+    TEST_ASSERT_NOT_NULL(strstr(page, "<code>/there &amp; &lt;then&gt;</code>"));
+    TEST_ASSERT_NOT_NULL(strstr(page, " %, the least</td>"));
     TEST_ASSERT_NOT_NULL(strstr(page, "Error against seconds"));
     TEST_ASSERT_NOT_NULL(strstr(page, "Error against bytes"));
     /* a kernel each for four terms has 0.7 %, for two 1.2 %; no cheaper formula is below 1 % */
