@@ -37,6 +37,7 @@ static const struct option_spec options[] = {
      .argument = "FILE",
      .required = true,
      .offset = offsetof(struct bake_options, output),
+     .writes = true,
      .sentence = "the file to write: .ply holds radiance per vertex, .exr per texel"},
     {.name = "object",
      .kind = OPTION_INT,

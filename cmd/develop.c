@@ -26,6 +26,7 @@ static const struct option_spec develop_options[] = {
      .argument = "FILE",
      .required = true,
      .offset = offsetof(struct develop_settings, output),
+     .writes = true,
      .sentence = "the scan to be written"},
     {.name = "demosaic",
      .kind = OPTION_CHOICE,

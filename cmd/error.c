@@ -20,6 +20,7 @@ static const struct option_spec error_options[] = {
      .kind = OPTION_STRING,
      .argument = "FILE",
      .offset = offsetof(struct error_settings, map),
+     .writes = true,
      .sentence = "write each surface point's error as an EXR image"},
     {.name = "cross",
      .letter = 'x',

@@ -51,6 +51,7 @@ static const struct option_spec factor_options[] = {
      .argument = "FILE",
      .required = true,
      .offset = offsetof(struct factor_settings, output),
+     .writes = true,
      .sentence = "the material to write"},
     {.name = "model",
      .kind = OPTION_CHOICE,

@@ -26,6 +26,7 @@ static const struct option_spec plan_options[] = {
      .argument = "FILE",
      .required = true,
      .offset = offsetof(struct plan_settings, output),
+     .writes = true,
      .sentence = "the plan to be written"},
     {.name = "leak",
      .kind = OPTION_REAL,

@@ -30,6 +30,7 @@ static const struct option_spec options[] = {
      .kind = OPTION_STRING,
      .argument = "FILE",
      .offset = offsetof(struct render_options, output),
+     .writes = true,
      .sentence = "the picture to write: .exr is linear, .png is for looking at"},
     {.name = "material",
      .letter = 'm',

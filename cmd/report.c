@@ -15,6 +15,7 @@ static const struct option_spec report_options[] = {
      .argument = "FILE",
      .required = true,
      .offset = offsetof(struct report_settings, output),
+     .writes = true,
      .sentence = "the HTML page to write"},
     {.name = "photograph",
      .kind = OPTION_STRING,

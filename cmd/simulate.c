@@ -26,6 +26,7 @@ static const struct option_spec simulate_options[] = {
      .kind = OPTION_STRING,
      .argument = "SCAN",
      .offset = offsetof(struct simulate_settings, output),
+     .writes = true,
      .sentence = "the scan file to write"},
     {.name = "window",
      .letter = 'w',

@@ -38,6 +38,7 @@ static const struct option_spec view_options[] = {
      .argument = "PICTURE",
      .required = true,
      .offset = offsetof(struct view_settings, output),
+     .writes = true,
      .sentence = "the picture to write, .png or .exr"},
     {.name = "pattern",
      .kind = OPTION_CHOICE,

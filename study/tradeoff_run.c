@@ -87,6 +87,10 @@ static int add_point(struct runner *r, const struct factor_look *look, enum fact
     options.store = store;
     options.bits = bits;
     int status = closing_make(&options, r->pitch_mm, look->attempt, &material, &report, error);
+    if (status == NACRE_OK && report.whole.points == 0) {
+        status = nacre_fail(error, "every response was measured as exactly 0, and has no relative "
+                                   "error; look at what was scanned");
+    }
     if (status == NACRE_OK && t->point_count < TRADEOFF_POINTS) {
         double took = seconds_of(r) - begun;
         t->points[t->point_count++] = (struct tradeoff_point){
@@ -317,6 +321,13 @@ int tradeoff_run(const struct responses *responses, double pitch_mm,
     }
     if (status == NACRE_OK && t->point_count == 0 && t->run_count > 0) {
         status = nacre_fail(error, "no factorization succeeded: %s", t->runs[0].why.text);
+    }
+    if (status == NACRE_OK && t->point_count == 0) {
+        status =
+            nacre_fail(error,
+                       "a budget of %.3g s is too short for a single factorization, as reading "
+                       "the scan alone took %.3g s; give more with --budget",
+                       request->budget, request->seconds_reading);
     }
     return status;
 }

@@ -3,10 +3,12 @@
 #include "study/tradeoff_page.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <jansson.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/stat.h>
 #include <unistd.h>
 
@@ -145,10 +147,10 @@ static int write_json(FILE *file, const struct tradeoff *t, const struct tradeof
                       struct nacre_error *error)
 {
     json_t *object = tradeoff_to_json(t, request);
-    int status = object && json_dumpf(object, file, JSON_INDENT(2)) == 0
-                     ? NACRE_OK
-                     : nacre_fail_memory(error, "the study as JSON");
-    (void)putc('\n', file);
+    char *text = object ? json_dumps(object, JSON_INDENT(2)) : NULL;
+    int status = text ? NACRE_OK : nacre_fail_memory(error, "the study as JSON");
+    (void)(text && fputs(text, file) >= 0 && putc('\n', file)); /* the caller asks ferror */
+    free(text);
     json_decref(object);
     return status;
 }
@@ -159,16 +161,35 @@ static char *join(const char *folder, const char *name)
     return asprintf(&path, "%s/%s", folder, name) < 0 ? NULL : path;
 }
 
+static int make_folder(const char *folder, struct nacre_error *error)
+{
+    struct stat status;
+    if (mkdir(folder, 0777) == 0 ||
+        (errno == EEXIST && stat(folder, &status) == 0 && S_ISDIR(status.st_mode))) {
+        return NACRE_OK;
+    }
+    if (errno == EEXIST) {
+        return nacre_fail(error, "%s: is a file; name a folder, which is made if need be", folder);
+    }
+    if (errno == ENOENT) {
+        return nacre_fail(error,
+                          "%s: cannot make the folder, as the one that it is to lie in does "
+                          "not exist; make that first",
+                          folder);
+    }
+    return nacre_fail_errno(error, errno, "%s: cannot make the folder", folder);
+}
+
 int tradeoff_prepare_folder(const char *folder, struct nacre_error *error)
 {
-    struct whole_file file = {0};
-    if (mkdir(folder, 0777) != 0 && errno != EEXIST) {
-        return nacre_fail_errno(error, errno, "%s: cannot make the folder", folder);
+    int status = make_folder(folder, error);
+    for (int i = 0; i < FILES && status == NACRE_OK; i++) {
+        struct whole_file file = {0};
+        char *path = join(folder, names[i]);
+        status = path ? whole_file_create(&file, path, error) : nacre_fail_memory(error, folder);
+        whole_file_discard(&file);
+        free(path);
     }
-    char *path = join(folder, names[0]);
-    int status = path ? whole_file_create(&file, path, error) : nacre_fail_memory(error, folder);
-    whole_file_discard(&file);
-    free(path);
     return status;
 }
 
@@ -200,6 +221,10 @@ int tradeoff_write(const struct tradeoff *t, const struct tradeoff_request *requ
 {
     struct whole_file parts[FILES] = {{0}};
     int status = NACRE_OK;
+    /* One study at a time takes its files' places, so that the three are of one. Where a folder cannot be locked, as on
+     * some network file systems, that is left to chance. */
+    int folder = open(request->folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    (void)(folder >= 0 && flock(folder, LOCK_EX));
     for (int i = 0; i < FILES && status == NACRE_OK; i++) {
         char *path = join(request->folder, names[i]);
         status = path ? write_part(&parts[i], path, i, t, request, error)
@@ -211,6 +236,9 @@ int tradeoff_write(const struct tradeoff *t, const struct tradeoff_request *requ
     }
     for (int i = 0; i < FILES; i++) {
         whole_file_discard(&parts[i]);
+    }
+    if (folder >= 0) {
+        (void)close(folder); /* which unlocks it */
     }
     return status;
 }

@@ -236,6 +236,9 @@ int options_parse(const struct verb *verb, int argc, char **argv, void *settings
                                       .device = common.device,
                                       .operands = argv + optind,
                                       .operand_count = argc - optind};
+    if (result == NACRE_OK && !common.help) {
+        result = options_check_outputs(verb, settings, invocation, error);
+    }
     parser_finish(&parser);
     return result;
 }

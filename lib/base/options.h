@@ -30,6 +30,7 @@ struct option_spec {
     double minimum,
         maximum;          /* inclusive; both 0: no limits; INFINITY or INT_MAX: none on that side */
     bool required;        /* wrong usage without it */
+    bool writes;          /* OPTION_STRING: a file to write, which may not be one that is read */
     const char *fallback; /* the default as it would be typed; NULL: zero */
     const char *sentence; /* one sentence for --help, without a full stop */
     size_t offset;        /* of the value in the verb's settings */

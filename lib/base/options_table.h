@@ -20,4 +20,8 @@ int options_set_value(const struct option_spec *spec, const char *text, void *se
 /* What limits the option in words ("1 to 512", "hals or mu"); may come out empty. */
 void options_describe_values(const struct option_spec *spec, char *text, size_t size);
 
+/* Fail where a file that an option writes is an argument, or what another option names; exit 2. */
+int options_check_outputs(const struct verb *verb, const void *settings,
+                          const struct invocation *invocation, struct nacre_error *error);
+
 #endif

@@ -40,6 +40,7 @@ static const struct option_spec table[] = {{.name = "output",
                                             .kind = OPTION_STRING,
                                             .argument = "FILE",
                                             .required = true,
+                                            .writes = true,
                                             .sentence = "the file to write",
                                             .offset = offsetof(struct values, output)},
                                            {.name = "terms",
@@ -439,6 +440,31 @@ static void a_verb_that_succeeds_exits_with_0_and_prints_on_stdout(void)
     TEST_ASSERT_EQUAL_STRING("", outcome.err);
 }
 
+/* By any of its names; a file that is not there yet and one that is nobody's are written. */
+static void an_output_over_an_argument_is_refused_before_the_verb_runs(void)
+{
+    char folder[] = "/tmp/nacre-options-XXXXXX", name[64], link_name[64], other[64];
+    TEST_ASSERT_NOT_NULL(mkdtemp(folder));
+    (void)snprintf(name, sizeof name, "%s/do", folder);
+    (void)snprintf(link_name, sizeof link_name, "%s/link", folder);
+    (void)snprintf(other, sizeof other, "%s/other", folder);
+    FILE *file = fopen(name, "we");
+    TEST_ASSERT_TRUE(file && fclose(file) == 0);
+    TEST_ASSERT_EQUAL_INT(0, symlink(name, link_name));
+    struct outcome outcome = RUN("factor", name, "-o", link_name);
+    TEST_ASSERT_EQUAL_INT(2, outcome.status);
+    TEST_ASSERT_EQUAL_STRING("", outcome.out);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(outcome.err, "would be overwritten"), outcome.err);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(outcome.err, link_name), outcome.err);
+    outcome = RUN("factor", name, "-o", other);
+    TEST_ASSERT_NULL_MESSAGE(strstr(outcome.err, "overwritten"), outcome.err);
+    file = fopen(other, "we");
+    TEST_ASSERT_TRUE(file && fclose(file) == 0);
+    outcome = RUN("factor", name, "-o", other);
+    TEST_ASSERT_NULL_MESSAGE(strstr(outcome.err, "overwritten"), outcome.err);
+    TEST_ASSERT_EQUAL_INT(0, unlink(name) | unlink(link_name) | unlink(other) | rmdir(folder));
+}
+
 static void a_verb_that_fails_exits_with_1_and_one_message(void)
 {
     struct outcome outcome = RUN("factor", "fail", "-o", "m");
@@ -613,6 +639,7 @@ int main(void)
     RUN_TEST(help_is_given_where_the_line_is_incomplete);
     RUN_TEST(a_default_that_its_own_option_refuses_is_an_error);
     RUN_TEST(a_verb_that_succeeds_exits_with_0_and_prints_on_stdout);
+    RUN_TEST(an_output_over_an_argument_is_refused_before_the_verb_runs);
     RUN_TEST(a_verb_that_fails_exits_with_1_and_one_message);
     RUN_TEST(wrong_usage_exits_with_2_before_the_verb_runs);
     RUN_TEST(a_number_out_of_range_exits_with_1_before_the_verb_runs);

@@ -331,6 +331,26 @@ static void options_that_do_not_go_together_are_wrong_usage(void)
             output("out.exr"));
 }
 
+/* Each would destroy what it is made of. */
+static void what_is_read_is_not_overwritten(void)
+{
+    static const char *const names[] = {"scan.exr", "material.exr", "sample.yaml"};
+    char *kept[3];
+    for (int i = 0; i < 3; i++) {
+        kept[i] = input(names[i]);
+    }
+    char *before = folder_describe(inputs);
+    REFUSES(WRONG_USAGE, "scan.exr is to be read", "factor", kept[0], "-o", kept[0]);
+    REFUSES(WRONG_USAGE, "scan.exr is to be read", "report", kept[0], kept[1], "-o", kept[0]);
+    REFUSES(WRONG_USAGE, "material.exr is to be read", "report", kept[0], kept[1], "-o", kept[1]);
+    REFUSES(WRONG_USAGE, "scan.exr is to be read", "error", kept[0], kept[1], "--map", kept[0]);
+    REFUSES(WRONG_USAGE, "sample.yaml is to be read", "simulate", kept[2], "-o", kept[2]);
+    char *after = folder_describe(inputs);
+    TEST_ASSERT_EQUAL_STRING(before, after);
+    free(before);
+    free(after);
+}
+
 static void an_unknown_device_is_refused(void)
 {
     REFUSES(FAILED, "no such thing", "factor", input("scan.exr"), "-o", output("out.exr"),
@@ -529,6 +549,7 @@ int main(int argc, char **argv)
     RUN_TEST(arguments_left_out_are_wrong_usage);
     RUN_TEST(unknown_verbs_and_options_are_wrong_usage);
     RUN_TEST(options_that_do_not_go_together_are_wrong_usage);
+    RUN_TEST(what_is_read_is_not_overwritten);
     RUN_TEST(an_unknown_device_is_refused);
     RUN_TEST(an_output_folder_that_does_not_exist_is_refused);
     RUN_TEST(an_output_folder_that_cannot_be_written_is_refused);

@@ -126,7 +126,10 @@ static void what_cannot_be_studied_is_refused_before_the_work(void)
     expect_failure(missing, output, "1s", 1, "missing.exr");
     expect_failure(scan, inside, "1s", 1, "cannot make the folder");
     expect_failure(scan, deep, "1s", 1, "cannot make the folder");
+    expect_failure(scan, scan, "1s", 1, "is a file");
     expect_failure(scan, output, "soon", 2, "--budget");
+    /* of which reading the scan takes more */
+    expect_failure(scan, output, "1ms", 1, "too short for a single factorization");
     free(missing);
     free(inside);
     free(deep);

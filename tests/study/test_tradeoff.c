@@ -435,6 +435,22 @@ static void a_study_of_failures_alone_fails(void)
     responses_finish(&responses);
 }
 
+static void a_study_of_darkness_fails(void)
+{
+    struct paced paced;
+    struct nacre_error error = {0};
+    struct sample sample = sample_new(14, 11, 1, 7, 3);
+    sample_scale(&sample, 0);
+    struct responses responses = sample_load(&sample, layout_lanes(&opencl));
+    sample_finish(&sample);
+    paced_begin(&paced, &opencl, FACTOR_METHOD_HALS);
+    const struct tradeoff_request request = request_of(&paced, 300);
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED,
+                          tradeoff_run(&responses, 0.5, &request, &opencl, NULL, &study, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "exactly 0"), error.text);
+    responses_finish(&responses);
+}
+
 static int count_lines(const char *text)
 {
     int count = 0;
@@ -518,9 +534,15 @@ static void a_folder_that_cannot_be_written_is_refused(void)
     struct nacre_error error = {0};
     scratch_store("file", "x", 1);
     TEST_ASSERT_EQUAL_INT(NACRE_FAILED, tradeoff_prepare_folder(scratch_path("file"), &error));
-    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "file"), error.text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "file: is a file"), error.text);
     TEST_ASSERT_EQUAL_INT(NACRE_FAILED,
                           tradeoff_prepare_folder(scratch_path("none/deeper"), &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "make that first"), error.text);
+    TEST_ASSERT_EQUAL_INT(0, mkdir(scratch_path("out"), 0777));
+    TEST_ASSERT_EQUAL_INT(0, mkdir(scratch_path("out/tradeoff.html"), 0777));
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, tradeoff_prepare_folder(scratch_path("out"), &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "tradeoff.html"), error.text);
+    TEST_ASSERT_EQUAL_INT(0, rmdir(scratch_path("out/tradeoff.html")));
 }
 
 /* One of the three cannot get its name, as a folder has it: the others do not appear either. */
@@ -565,6 +587,7 @@ int main(void)
     RUN_TEST(every_point_can_be_repeated);
     RUN_TEST(a_run_that_fails_is_noted_and_the_study_goes_on);
     RUN_TEST(a_study_of_failures_alone_fails);
+    RUN_TEST(a_study_of_darkness_fails);
     RUN_TEST(the_files_say_the_same);
     RUN_TEST(a_folder_that_cannot_be_written_is_refused);
     RUN_TEST(all_files_appear_or_none);
