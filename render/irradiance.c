@@ -203,10 +203,17 @@ WAY static void run_untraced(const struct lighting *lighting, const struct light
     add_samples(lighting->world, light, point, run, false, false, tally);
 }
 
+/* So many rays decide at least: fewer miss what is left of a light near a shadow's core. */
+enum { DECIDING_RAYS = 36 };
+
 void irradiance_penumbra(const struct lighting *lighting, const struct light *light,
                          const struct lit_point *point, double out[3], struct light_work *work)
 {
-    const int first = (lighting->rays + 3) / 4, rest = lighting->rays - first;
+    const int most = lighting->rays, quarter = (most + 3) / 4;
+    const int first = quarter > DECIDING_RAYS ? quarter
+                      : most < DECIDING_RAYS  ? most
+                                              : DECIDING_RAYS;
+    const int rest = most - first;
     /* The same places of the light for all points: where a shadow ends is off by a little everywhere, not ragged. */
     double shift[2] = {random_uniform(lighting->seed, 0, 0), random_uniform(lighting->seed, 0, 1)};
     double share = 1.0 / lighting->rays;

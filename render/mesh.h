@@ -62,13 +62,18 @@ struct motion mesh_placement(const struct mesh *mesh, const double degrees[3],
                              struct vec3 position);
 void mesh_move(struct mesh *mesh, const struct motion *motion);
 
-/* How long an edge between two points may be, in mm. */
-typedef double mesh_edge_rule(const void *context, struct vec3 a, struct vec3 b);
+/* How long the edge between two vertices, the lesser number first, may be, in mm. */
+typedef double mesh_edge_rule(const void *context, const struct mesh *mesh, uint32_t a, uint32_t b);
 
 /* Split edges in half until none is longer than the rule allows, or until a further round would make more than `limit`
  * triangles (then *limited is set). Neighbours split a common edge alike, so no cracks open. */
 int mesh_subdivide(struct mesh *mesh, mesh_edge_rule *rule, const void *context, size_t limit,
                    bool *limited, struct nacre_error *error);
+
+/* Split each edge that is too long into two, once. *done: there was none, or too many triangles would come of it
+ * (*limited). New vertices come after those that there were. */
+int mesh_subdivide_once(struct mesh *mesh, mesh_edge_rule *rule, const void *context, size_t limit,
+                        bool *limited, bool *done, struct nacre_error *error);
 
 /* A rule that allows the same length everywhere: context is a const double *. */
 mesh_edge_rule mesh_edge_even;

@@ -17,9 +17,9 @@ static void light_vertex(const struct lighting *lighting, enum plain_light which
     for (size_t l = 0; l < lighting->light_count; l++) {
         const struct light *light = &lighting->lights[l];
         double one[3] = {0};
-        single.rays = PLAIN_RAYS;
+        single.rays = which == PLAIN_ROUGH ? PLAIN_ROUGH_RAYS : PLAIN_RAYS;
         single.seed = lighting->seed + l;
-        if (light->soft && which == PLAIN_SOFT) {
+        if (light->soft && which != PLAIN_HARD) {
             irradiance_penumbra(&single, light, point, one, work);
         } else if (!light->soft && which == PLAIN_HARD) {
             single.lights = light;
@@ -33,11 +33,11 @@ static void light_vertex(const struct lighting *lighting, enum plain_light which
     }
 }
 
-int plain_light(const struct mesh *mesh, const struct lighting *lighting, enum plain_light which,
-                struct progress *progress, float (*irradiance)[3], struct light_work *work,
-                struct nacre_error *error)
+int plain_light(const struct mesh *mesh, size_t first, const struct lighting *lighting,
+                enum plain_light which, struct progress *progress, float (*irradiance)[3],
+                struct light_work *work, struct nacre_error *error)
 {
-    for (size_t begin = 0; begin < mesh->vertex_count; begin += VERTICES_A_STEP) {
+    for (size_t begin = first; begin < mesh->vertex_count; begin += VERTICES_A_STEP) {
         size_t left = mesh->vertex_count - begin;
         size_t end = begin + (left < VERTICES_A_STEP ? left : VERTICES_A_STEP);
         int stopped =

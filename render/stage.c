@@ -82,39 +82,33 @@ static bool lights_plain(const struct stage *stage)
            (render_has(effects, RENDER_SOFT_LIGHT) && !stage->settings->povray_shadows);
 }
 
-/* All objects but one, as they are by now; NULL: there are no others. */
-static int make_others(const struct stage *stage, const struct stage_object *but,
-                       struct world **world, struct nacre_error *error)
+static struct plain_split splitting_of(const struct stage *stage)
 {
-    size_t count = 0;
-    const struct mesh **meshes = calloc(stage->scene->object_count, sizeof *meshes);
-    if (!meshes) {
-        return nacre_fail_memory(error, "the scene");
-    }
-    for (size_t i = 0; i < stage->scene->object_count; i++) {
-        if (&stage->objects[i] != but) {
-            meshes[count++] = &stage->objects[i].mesh;
-        }
-    }
-    int status = count > 0 ? world_new(meshes, count, world, error) : NACRE_OK;
-    free(meshes);
-    return status;
+    return (struct plain_split){stage->scene, stage->settings->turns,
+                                render_has(&stage->effects, RENDER_BOUNCES),
+                                stage->settings->triangle_limit};
 }
 
-static int refine_plain(const struct stage *stage, struct stage_object *prepared, bool *limited,
-                        struct nacre_error *error)
+static int split_seen(const struct stage *stage, struct stage_object *prepared, bool *limited,
+                      struct nacre_error *error)
 {
-    struct world *others = NULL;
-    if (!lights_plain(stage)) {
-        return NACRE_OK;
-    }
-    int status = make_others(stage, prepared, &others, error);
-    if (status == NACRE_OK) {
-        status = plain_refine(&prepared->mesh, stage->scene, stage->settings->turns,
-                              render_has(&stage->effects, RENDER_BOUNCES), others,
-                              stage->settings->triangle_limit, limited, error);
-    }
-    world_free(others);
+    const struct plain_split split = splitting_of(stage);
+    return lights_plain(stage) ? plain_split_seen(&prepared->mesh, &split, limited, error)
+                               : NACRE_OK;
+}
+
+/* Split a plain object where shadows end, and make room for its light. */
+static int split_lit(const struct stage *stage, size_t index, struct render_object_report *report,
+                     struct nacre_error *error)
+{
+    struct stage_object *prepared = &stage->objects[index];
+    const struct plain_split split = splitting_of(stage);
+    const struct lighting lighting = stage_lighting(stage);
+    struct progress progress = progress_begin("shadows' ends", stage->settings->bake.quiet);
+    int status = report->limited ? NACRE_OK
+                                 : plain_split_lit(&prepared->mesh, &split, &lighting, &progress,
+                                                   &report->limited, &report->counts.work, error);
+    progress_end(&progress);
     if (status != NACRE_OK) {
         return status;
     }
@@ -171,7 +165,7 @@ static int prepare_object(struct stage *stage, size_t index, struct nacre_error 
     return NACRE_OK;
 }
 
-/* Split edges so that vertices resolve the light. */
+/* Split edges so that vertices resolve the material and the picture. */
 static int refine_object(struct stage *stage, size_t index, struct render_object_report *report,
                          struct nacre_error *error)
 {
@@ -182,15 +176,8 @@ static int refine_object(struct stage *stage, size_t index, struct render_object
         return NACRE_FAILED;
     }
     int status = prepared->translucent ? refine_translucent(stage, prepared, report, error)
-                                       : refine_plain(stage, prepared, &report->limited, error);
-    if (status != NACRE_OK) {
-        return status;
-    }
-    report->translucent = prepared->translucent;
-    report->vertices = prepared->mesh.vertex_count;
-    report->triangles = prepared->mesh.triangle_count;
-    report->degenerate = prepared->mesh.degenerate_count;
-    return NACRE_OK;
+                                       : split_seen(stage, prepared, &report->limited, error);
+    return status;
 }
 
 /* The lights that the effects leave. */
@@ -223,21 +210,54 @@ static int make_world(struct stage *stage, struct nacre_error *error)
 {
     const struct scene *scene = stage->scene;
     const struct mesh **meshes = calloc(scene->object_count + 1, sizeof *meshes);
-    struct vec3 centre;
-    double radius_mm;
     if (!meshes) {
         return nacre_fail_memory(error, "the scene");
     }
     for (size_t i = 0; i < scene->object_count; i++) {
         meshes[i] = &stage->objects[i].mesh;
     }
+    world_free(stage->world);
     int status = world_new(meshes, scene->object_count, &stage->world, error);
     free(meshes);
-    for (size_t i = 0; status == NACRE_OK && i < stage->light_count; i++) {
-        world_bounds(stage->world, &centre, &radius_mm);
+    return status;
+}
+
+/* Lights shine on surfaces that are there. */
+static int place_lights(struct stage *stage, struct nacre_error *error)
+{
+    struct vec3 centre;
+    double radius_mm;
+    world_bounds(stage->world, &centre, &radius_mm);
+    for (size_t i = 0; i < stage->light_count; i++) {
         light_surround(&stage->lights[i], centre, radius_mm);
     }
-    return status;
+    return lights_check_outside(stage, error);
+}
+
+/* Split plain objects by their light. Shadow rays need not know of it, but what is seen of them by others does. */
+static int split_by_light(struct stage *stage, struct render_report *report,
+                          struct nacre_error *error)
+{
+    int status = NACRE_OK;
+    for (size_t i = 0; status == NACRE_OK && i < stage->scene->object_count; i++) {
+        if (!stage->objects[i].translucent && lights_plain(stage)) {
+            status = split_lit(stage, i, &report->objects[i], error);
+        }
+    }
+    return status == NACRE_OK && render_has(&stage->effects, RENDER_BOUNCES)
+               ? make_world(stage, error)
+               : status;
+}
+
+static void report_objects(const struct stage *stage, struct render_report *report)
+{
+    for (size_t i = 0; i < stage->scene->object_count; i++) {
+        const struct stage_object *object = &stage->objects[i];
+        report->objects[i].translucent = object->translucent;
+        report->objects[i].vertices = object->mesh.vertex_count;
+        report->objects[i].triangles = object->mesh.triangle_count;
+        report->objects[i].degenerate = object->mesh.degenerate_count;
+    }
 }
 
 static int prepare_objects(struct stage *stage, struct render_report *report,
@@ -286,7 +306,14 @@ int stage_prepare(struct stage *stage, const struct scene *scene,
     if (status == NACRE_OK) {
         status = make_world(stage, error);
     }
-    return status == NACRE_OK ? lights_check_outside(stage, error) : status;
+    if (status == NACRE_OK) {
+        status = place_lights(stage, error);
+    }
+    if (status == NACRE_OK) {
+        status = split_by_light(stage, report, error);
+    }
+    report_objects(stage, report);
+    return status;
 }
 
 void stage_finish(struct stage *stage)

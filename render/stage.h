@@ -3,6 +3,7 @@
 #define RENDER_STAGE_H
 
 #include "render/effects.h"
+#include "render/irradiance.h"
 #include "render/render.h"
 
 struct stage_object {
@@ -35,6 +36,9 @@ struct stage {
 int stage_prepare(struct stage *stage, const struct scene *scene,
                   const struct render_settings *settings, struct render_report *report,
                   struct nacre_error *error);
+
+/* All lights of a stage, to be used while it lives. */
+struct lighting stage_lighting(const struct stage *stage);
 
 /* Calculate the light of one object, or of all; of all in any case where light passes on from one to the other. */
 int stage_bake_object(struct stage *stage, size_t index, const struct opencl *opencl,

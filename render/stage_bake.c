@@ -30,7 +30,7 @@ static int64_t now_ns(void)
     return clock_now_ns(&clock);
 }
 
-static struct lighting lighting_of(const struct stage *stage)
+struct lighting stage_lighting(const struct stage *stage)
 {
     return (struct lighting){.world = stage->world,
                              .lights = stage->lights,
@@ -70,7 +70,7 @@ static int bake_plain(struct stage *stage, size_t index, const struct lighting *
     progress.deadline = stage->settings->bake.deadline;
     int64_t start = now_ns();
     int status =
-        plain_light(&object->mesh, lighting, which, &progress, irradiance, &counts->work, error);
+        plain_light(&object->mesh, 0, lighting, which, &progress, irradiance, &counts->work, error);
     progress_end(&progress);
     report->light_seconds += seconds_since(start);
     return status;
@@ -101,7 +101,7 @@ static int light_plain(struct stage *stage, size_t index, struct render_report *
                        struct nacre_error *error)
 {
     const struct stage_object *object = &stage->objects[index];
-    struct lighting lighting = lighting_of(stage);
+    struct lighting lighting = stage_lighting(stage);
     int status = NACRE_OK;
     lighting.light_count = stage->scene->light_count;
     if (render_has(&stage->effects, RENDER_SOFT_LIGHT)) {
@@ -146,7 +146,7 @@ static int light_objects(struct stage *stage, const struct lighting *lighting,
 static int begin_exchange(struct exchange *exchange, struct nacre_error *error)
 {
     struct stage *stage = exchange->stage;
-    const struct lighting lighting = lighting_of(stage);
+    const struct lighting lighting = stage_lighting(stage);
     int status = NACRE_OK;
     for (size_t i = 0; status == NACRE_OK && i < stage->scene->object_count; i++) {
         const struct stage_object *object = &stage->objects[i];
@@ -167,7 +167,7 @@ static int begin_exchange(struct exchange *exchange, struct nacre_error *error)
 static int exchange_once(struct exchange *exchange, int bounce, struct nacre_error *error)
 {
     struct stage *stage = exchange->stage;
-    struct lighting lighting = lighting_of(stage);
+    struct lighting lighting = stage_lighting(stage);
     int status = NACRE_OK;
     lighting.light_count = 0;
     lighting.reflectors = exchange->reflectors;
@@ -257,7 +257,7 @@ static int bake_with_bounces(struct stage *stage, const struct opencl *opencl,
                              struct render_report *report, struct nacre_error *error)
 {
     struct exchange exchange = {.stage = stage, .opencl = opencl, .report = report};
-    struct lighting lighting = lighting_of(stage);
+    struct lighting lighting = stage_lighting(stage);
     bool photons = stage->settings->bake.photons > 0;
     int status = photons ? find_albedos(stage, error) : NACRE_OK;
     if (status == NACRE_OK) {
@@ -281,7 +281,7 @@ static int bake_with_bounces(struct stage *stage, const struct opencl *opencl,
 int stage_bake(struct stage *stage, const struct opencl *opencl, struct render_report *report,
                struct nacre_error *error)
 {
-    const struct lighting lighting = lighting_of(stage);
+    const struct lighting lighting = stage_lighting(stage);
     return render_has(&stage->effects, RENDER_BOUNCES)
                ? bake_with_bounces(stage, opencl, report, error)
                : light_objects(stage, &lighting, opencl, report, error);
@@ -290,7 +290,7 @@ int stage_bake(struct stage *stage, const struct opencl *opencl, struct render_r
 int stage_bake_object(struct stage *stage, size_t index, const struct opencl *opencl,
                       struct render_report *report, struct nacre_error *error)
 {
-    const struct lighting lighting = lighting_of(stage);
+    const struct lighting lighting = stage_lighting(stage);
     return render_has(&stage->effects, RENDER_BOUNCES)
                ? bake_with_bounces(stage, opencl, report, error)
                : light_object(stage, index, &lighting, opencl, report, error);

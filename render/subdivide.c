@@ -29,8 +29,9 @@ static size_t edge_place(const struct edge_map *map, uint64_t key)
     return place;
 }
 
-double mesh_edge_even(const void *context, struct vec3 a, struct vec3 b)
+double mesh_edge_even(const void *context, const struct mesh *mesh, uint32_t a, uint32_t b)
 {
+    (void)mesh;
     (void)a;
     (void)b;
     return *(const double *)context;
@@ -48,10 +49,9 @@ static bool is_long(const struct mesh *mesh, uint32_t first, uint32_t second,
                     const struct splitting *splitting)
 {
     /* In the order of the vertices, so that both neighbours of an edge ask the same. */
-    struct vec3 a = vec3_from(mesh->positions[first < second ? first : second]);
-    struct vec3 b = vec3_from(mesh->positions[first < second ? second : first]);
-    return vec3_length(vec3_subtract(a, b)) >
-           splitting->allowed_mm(splitting->context, a, b) * (1 + 1e-6);
+    uint32_t a = first < second ? first : second, b = first < second ? second : first;
+    struct vec3 edge = vec3_subtract(vec3_from(mesh->positions[a]), vec3_from(mesh->positions[b]));
+    return vec3_length(edge) > splitting->allowed_mm(splitting->context, mesh, a, b) * (1 + 1e-6);
 }
 
 /* Vertices and triangles that one round would add. `map` gets every long edge; middles are numbered by order. Triangles
@@ -196,9 +196,8 @@ static int split_round(struct mesh *mesh, const struct edge_map *map, size_t new
     return NACRE_OK;
 }
 
-/* Split the edges that are too long once. *done: there were none, or they would make too many triangles. */
-static int subdivide_once(struct mesh *mesh, struct splitting *splitting, size_t limit,
-                          bool *limited, bool *done, struct nacre_error *error)
+static int split_once(struct mesh *mesh, struct splitting *splitting, size_t limit, bool *limited,
+                      bool *done, struct nacre_error *error)
 {
     size_t new_vertices, new_triangles;
     struct edge_map map = {.mask = 1023};
@@ -236,10 +235,24 @@ int mesh_subdivide(struct mesh *mesh, mesh_edge_rule *rule, const void *context,
         return nacre_fail_memory(error, "splitting the edges of a mesh");
     }
     for (int round = 0; status == NACRE_OK && !done; round++) {
-        status = subdivide_once(mesh, &splitting, limit, limited, &done, error);
+        status = split_once(mesh, &splitting, limit, limited, &done, error);
         *limited = *limited || (!done && round == ROUNDS_MOST);
         done = done || *limited;
     }
+    free(splitting.settled);
+    return status;
+}
+
+int mesh_subdivide_once(struct mesh *mesh, mesh_edge_rule *rule, const void *context, size_t limit,
+                        bool *limited, bool *done, struct nacre_error *error)
+{
+    struct splitting splitting = {rule, context,
+                                  calloc(mesh->triangle_count + 1, sizeof *splitting.settled),
+                                  mesh->triangle_count};
+    if (!splitting.settled) {
+        return nacre_fail_memory(error, "splitting the edges of a mesh");
+    }
+    int status = split_once(mesh, &splitting, limit, limited, done, error);
     free(splitting.settled);
     return status;
 }

@@ -6,9 +6,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Beyond a surface by less than this many lifts is on it; and so many such surfaces are looked past. */
-enum { TOUCHING_LIFTS = 4, TOUCHED_MOST = 8 };
-
 struct world {
     RTCDevice device;
     RTCScene scene;
@@ -142,6 +139,8 @@ static bool occluded(const struct world *world, struct vec3 start, struct vec3 w
 {
     struct RTCIntersectContext context;
     struct RTCRayHit ray = ray_along(start, way, length);
+    /* What the surface stands on begins right there, and is not in the way. */
+    ray.ray.tnear = (float)(world->lift_mm / vec3_length(way));
     rtcInitIntersectContext(&context);
     rtcOccluded1(world->scene, &context, &ray.ray);
     return ray.ray.tfar < 0;
@@ -160,40 +159,6 @@ bool world_blocked(const struct world *world, struct vec3 surface, struct vec3 n
 {
     struct vec3 start = vec3_along(surface, world->lift_mm, normal);
     return occluded(world, start, vec3_subtract(other, start), 0.99999F);
-}
-
-/* Whether a ray of one length meets a surface that either end of it is clearly beyond. */
-static bool crossed(const struct world *world, struct vec3 start, struct vec3 way)
-{
-    float from = 0;
-    for (int tries = 0; tries < TOUCHED_MOST; tries++) {
-        struct RTCRayHit ray = ray_along(start, way, 1);
-        ray.ray.tnear = from;
-        if (!trace(world, &ray)) {
-            return false;
-        }
-        double t = (double)ray.ray.tfar;
-        struct vec3 normal = vec3_unit((struct vec3){ray.hit.Ng_x, ray.hit.Ng_y, ray.hit.Ng_z});
-        if (fmin(t, 1 - t) * fabs(vec3_dot(way, normal)) > TOUCHING_LIFTS * world->lift_mm) {
-            return true;
-        }
-        from = (float)(t + 1e-5);
-    }
-    return false;
-}
-
-bool world_crossed(const struct world *world, struct vec3 a, struct vec3 b)
-{
-    struct vec3 way = vec3_subtract(b, a);
-    struct vec3 sides[2] = {vec3_perpendicular(vec3_unit(way))};
-    sides[1] = vec3_cross(vec3_unit(way), sides[0]);
-    for (int k = 0; k < 4; k++) {
-        double lift = k % 2 ? world->lift_mm : -world->lift_mm;
-        if (crossed(world, vec3_along(a, lift, sides[k / 2]), way)) {
-            return true;
-        }
-    }
-    return false;
 }
 
 bool world_look(const struct world *world, struct vec3 surface, struct vec3 normal,

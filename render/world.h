@@ -40,10 +40,6 @@ bool world_blocked(const struct world *world, struct vec3 surface, struct vec3 n
 bool world_look(const struct world *world, struct vec3 surface, struct vec3 normal,
                 struct vec3 direction, struct world_hit *hit);
 
-/* Whether a surface cuts the line between two points, or one beside it within what rays are lifted by; not where it only
- * touches an end of it. Thread-safe. */
-bool world_crossed(const struct world *world, struct vec3 a, struct vec3 b);
-
 /* The first surface that a ray meets. Thread-safe. */
 bool world_trace(const struct world *world, struct vec3 origin, struct vec3 direction,
                  struct world_hit *hit);

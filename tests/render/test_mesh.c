@@ -1,7 +1,5 @@
 /* Meshes: built-in shapes, loading, checking, splitting. */
 #include "render/mesh.h"
-#include "render/plain.h"
-#include "render/view.h"
 #include "tests/nacre/scratch.h"
 
 #include <math.h>
@@ -139,10 +137,11 @@ static double longest_edge(void)
     return longest;
 }
 
-static double allowed_by_height(const void *context, struct vec3 a, struct vec3 b)
+static double allowed_by_height(const void *context, const struct mesh *split, uint32_t a,
+                                uint32_t b)
 {
     (void)context;
-    return a.z + b.z > 0 ? 0.3 : 10;
+    return split->positions[a][2] + split->positions[b][2] > 0 ? 0.3 : 10;
 }
 
 static void splitting_leaves_no_long_edge_no_crack_and_the_same_surface(void)
@@ -177,10 +176,12 @@ static void splitting_stops_at_the_limit(void)
     TEST_ASSERT_TRUE(mesh.triangle_count <= 1000 && mesh.triangle_count > 200);
 }
 
-static double allowed_off_the_ground(const void *context, struct vec3 a, struct vec3 b)
+static double allowed_off_the_ground(const void *context, const struct mesh *split, uint32_t a,
+                                     uint32_t b)
 {
     (void)context;
-    return fmin(a.z, b.z) <= 0 && fmax(a.z, b.z) > 0 ? 0 : 10;
+    float one = split->positions[a][2], other = split->positions[b][2];
+    return fminf(one, other) <= 0 && fmaxf(one, other) > 0 ? 0 : 10;
 }
 
 /* Each round leaves edges that begin on the ground, as many as the one before; they would be halved for ever. */
@@ -363,176 +364,9 @@ static void a_placed_mesh_stands_on_its_position(void)
     TEST_ASSERT_DOUBLE_WITHIN(1e-12, 2, back.y);
 }
 
-static struct scene camera_scene(void)
-{
-    return (struct scene){
-        .camera = {.position_mm = {30, -150, 90}, .up = {0, 0, 1}, .angle_deg = 20},
-        .image = {.width = 200, .height = 150}};
-}
-
-static double edge_length(size_t i, struct vec3 *a, struct vec3 *b)
-{
-    *a = vec3_from(mesh.positions[mesh.triangles[i / 3][i % 3]]);
-    *b = vec3_from(mesh.positions[mesh.triangles[i / 3][(i + 1) % 3]]);
-    return vec3_length(vec3_subtract(*b, *a));
-}
-
-/* The longest edge of the ground that goes out from under a box of side 20, in pixels at the distance of its far end. */
-static double longest_below(const struct world *box, const struct scene *scene)
-{
-    double pixel = 2 * tan(scene->camera.angle_deg / 2 * pi / 180) / scene->image.width, most = 0;
-    bool limited;
-    mesh_finish(&mesh);
-    TEST_ASSERT_EQUAL_INT(NACRE_OK, mesh_make_quad(&mesh, 200, 200, &error));
-    TEST_ASSERT_EQUAL_INT(NACRE_OK,
-                          plain_refine(&mesh, scene, false, false, box, 100000, &limited, &error));
-    for (size_t i = 0; i < 3 * mesh.triangle_count; i++) {
-        struct vec3 a, b;
-        double length = edge_length(i, &a, &b);
-        if (fmax(fabs(a.x), fabs(a.y)) < 10 && fmax(fabs(b.x), fabs(b.y)) > 10) {
-            double away =
-                vec3_length(vec3_subtract(b, vec3_from_doubles(scene->camera.position_mm)));
-            most = fmax(most, length / away / pixel);
-        }
-    }
-    return most;
-}
-
-/* A box of side 20 on the ground, or the ground below it. */
-static struct world *make_world_of(bool ground)
-{
-    const double sides[3] = {20, 20, 20};
-    struct mesh other;
-    const struct mesh *meshes[1] = {&other};
-    struct world *world = NULL;
-    TEST_ASSERT_EQUAL_INT(NACRE_OK, ground ? mesh_make_quad(&other, 200, 200, &error)
-                                           : mesh_make_box(&other, sides, &error));
-    struct motion stand =
-        mesh_placement(&other, (const double[3]){0, 0, 0}, (struct vec3){0, 0, 0});
-    mesh_move(&other, &stand);
-    TEST_ASSERT_EQUAL_INT(NACRE_OK, world_new(meshes, 1, &world, &error));
-    mesh_finish(&other);
-    return world;
-}
-
-/* A vertex below the box gets no light, and an edge from it would draw that out into the open: no longer than half a
- * pixel (what is allowed there is 0.4, at the edge's near end). Elsewhere edges are as long as
- * ever: up to 8 pixels, 24 where they are seen from their end, and as one is halved only beyond that, the longest has more
- * than 4. The box is 80 mm round, 240 pixels of a third of a millimetre; 600 edges of 0.4 pixels cross its border, with two
- * triangles each on either side, and the same again where they grow to 8 pixels: some 4,800 triangles. */
-static void a_ground_is_split_finely_round_what_stands_on_it(void)
-{
-    struct scene scene = camera_scene();
-    struct world *world = make_world_of(false);
-    double alone = longest_below(NULL, &scene);
-    size_t few = mesh.triangle_count;
-    double below = longest_below(world, &scene);
-    world_free(world);
-    TEST_ASSERT_TRUE(alone > 4 && alone < 24);
-    TEST_ASSERT_TRUE(below > 0 && below <= 0.5);
-    TEST_ASSERT_TRUE(mesh.triangle_count > few + 2400 && mesh.triangle_count < few + 9600);
-}
-
-/* The box's lower edges lie in the ground, and others begin there: were they taken to cross it, they would be halved down
- * to the smallest numbers that there are. */
-static void what_stands_on_a_ground_is_not_split_for_it(void)
-{
-    const double sides[3] = {20, 20, 20};
-    struct scene scene = camera_scene();
-    struct world *world = make_world_of(true);
-    const double heights[3] = {0, 0, -1};
-    size_t counts[3];
-    bool limited;
-    for (int k = 0; k < 3; k++) {
-        mesh_finish(&mesh);
-        TEST_ASSERT_EQUAL_INT(NACRE_OK, mesh_make_box(&mesh, sides, &error));
-        struct motion stand =
-            mesh_placement(&mesh, (const double[3]){0, 0, 0}, (struct vec3){0, 0, heights[k]});
-        mesh_move(&mesh, &stand);
-        TEST_ASSERT_EQUAL_INT(NACRE_OK,
-                              plain_refine(&mesh, &scene, false, false, k > 0 ? world : NULL,
-                                           100000, &limited, &error));
-        counts[k] = mesh.triangle_count;
-    }
-    world_free(world);
-    TEST_ASSERT_TRUE(counts[0] > 12);
-    TEST_ASSERT_EQUAL_UINT64(counts[0], counts[1]);
-    TEST_ASSERT_TRUE(counts[2] > counts[0] + 2400); /* where it goes through, as above */
-}
-
-/* The longest edge with its middle in the picture of some of the turns, in pixels at its near end (a quarter of the
- * distance at least) there; with one turn as it looks, or a third of its length. */
-static double longest_seen(const struct scene *scene, int turns)
-{
-    double pixel = 2 * tan(scene->camera.angle_deg / 2 * pi / 180) / scene->image.width, most = 0;
-    for (int turn = 0; turn < turns; turn++) {
-        struct view view = view_make(scene, turn * 360.0 / turns);
-        for (size_t i = 0; i < 3 * mesh.triangle_count; i++) {
-            struct vec3 a, b;
-            double length = edge_length(i, &a, &b);
-            struct vec3 middle = vec3_scale(vec3_add(a, b), 0.5);
-            if (view_meets(&view, middle, 0)) {
-                struct vec3 way = vec3_subtract(middle, view.position);
-                double away = vec3_length(way);
-                double across = vec3_length(vec3_cross(vec3_subtract(b, a), way)) / away;
-                double looks = turns > 1 ? length : fmax(across, length / 3);
-                most = fmax(most, looks / fmax(away - length / 2, away / 4) / pixel);
-            }
-        }
-    }
-    return most;
-}
-
-/* What is split for a camera that goes round is fine enough from everywhere, and where no turn sees it as coarse as what is
- * out of a picture. Cameras that look down, up, along the ground and rolled to a side. */
-static void a_ground_is_split_for_each_turn_that_sees_it(void)
-{
-    static const double places[][3] = {
-        {30, -150, 90}, {30, -150, -40}, {60, -140, 40}, {30, -150, 90}, {0, 0, 120}};
-    for (int k = 0; k < 5; k++) {
-        struct scene scene = camera_scene();
-        bool limited = true;
-        memcpy(scene.camera.position_mm, places[k], sizeof places[k]);
-        scene.image = (struct scene_image){.width = 80, .height = 60};
-        scene.camera.up[0] = k == 3 ? 0.5 : 0;
-        scene.camera.up[1] = k == 4;
-        mesh_finish(&mesh);
-        TEST_ASSERT_EQUAL_INT(NACRE_OK, mesh_make_quad(&mesh, 900, 900, &error));
-        TEST_ASSERT_EQUAL_INT(
-            NACRE_OK, plain_refine(&mesh, &scene, true, false, NULL, 1000000, &limited, &error));
-        TEST_ASSERT_FALSE(limited);
-        double seen = longest_seen(&scene, 60);
-        TEST_ASSERT_TRUE(seen > 6 && seen <= 12 * 1.00001);
-        /* Corners are 636 mm away, behind every camera that looks down on the middle. */
-        double longest = 0;
-        for (size_t i = 0; i < 3 * mesh.triangle_count; i++) {
-            struct vec3 a, b;
-            double length = edge_length(i, &a, &b);
-            longest = fmax(longest, fmin(fabs(a.x), fabs(a.y)) > 400 ? length : 0);
-        }
-        TEST_ASSERT_TRUE(longest > 900 * sqrt(2) / 48 / 2);
-    }
-}
-
-static void a_ground_is_split_by_how_long_its_edges_look(void)
-{
-    struct scene scene = camera_scene();
-    bool limited = true;
-    scene.camera.position_mm[2] = 30;
-    TEST_ASSERT_EQUAL_INT(NACRE_OK, mesh_make_quad(&mesh, 900, 900, &error));
-    TEST_ASSERT_EQUAL_INT(
-        NACRE_OK, plain_refine(&mesh, &scene, false, false, NULL, 1000000, &limited, &error));
-    double seen = longest_seen(&scene, 1);
-    TEST_ASSERT_TRUE(seen > 4 && seen <= 8 * 1.00001);
-}
-
 int main(void)
 {
     UNITY_BEGIN();
-    RUN_TEST(a_ground_is_split_finely_round_what_stands_on_it);
-    RUN_TEST(what_stands_on_a_ground_is_not_split_for_it);
-    RUN_TEST(a_ground_is_split_for_each_turn_that_sees_it);
-    RUN_TEST(a_ground_is_split_by_how_long_its_edges_look);
     RUN_TEST(shapes_have_their_size_and_face_outwards);
     RUN_TEST(texture_coordinates_of_shapes_are_in_mm);
     RUN_TEST(splitting_leaves_no_long_edge_no_crack_and_the_same_surface);
