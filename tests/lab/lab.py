@@ -14,6 +14,7 @@ import os
 import platform
 import shlex
 import shutil
+import signal
 import subprocess
 import sys
 import tempfile
@@ -182,6 +183,8 @@ def parse():
 
 def main():
     options = parse()
+    # Whoever ends us does not leave half a kernel or a guest behind.
+    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))
     try:
         if options.verb == 'missing':
             raise kernel.Missing(f'needs {options.what}')
