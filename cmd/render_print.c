@@ -26,6 +26,10 @@ static void print_object(size_t number, const struct render_object_report *objec
                      object->open_edges, object->crowded_edges);
     }
     if (!object->translucent) {
+        if (object->limited) {
+            (void)printf("  coarse      edges are longer than light on it needs; raise "
+                         "--triangles\n");
+        }
         return;
     }
     (void)printf("  light       %zu samples, %llu rays", counts->samples,

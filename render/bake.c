@@ -119,6 +119,10 @@ static void count(const struct light_samples *samples, const struct gather_count
                   struct bake_counts *counts)
 {
     counts->samples += samples->count;
+    for (size_t i = 0; i < samples->count; i++) {
+        const float *flux = samples->list[i].flux;
+        counts->lit += flux[0] > 0 || flux[1] > 0 || flux[2] > 0;
+    }
     light_work_add(&counts->work, &samples->work);
     counts->gather.receivers += gather->receivers;
     counts->gather.samples += gather->samples;
@@ -154,7 +158,8 @@ int bake_object(const struct lit_surface *surface, const struct appearance *appe
                                 &samples,
                                 effects->same_side,
                                 settings->tolerance > 0 ? settings->tolerance : BAKE_TOLERANCE,
-                                GATHER_SOONEST};
+                                GATHER_SOONEST,
+                                surface->kept};
         status = add_gathered(&gather, opencl, settings, radiosity, &gathered, error);
         counts->products = 3 * (size_t)appearance->terms;
     }

@@ -26,7 +26,7 @@ struct bake_settings {
 };
 
 struct bake_counts {
-    size_t samples;
+    size_t samples, lit; /* all; those on which light falls */
     struct light_work work;
     struct gather_counts gather;
     size_t

@@ -9,12 +9,8 @@ struct bundle_box {
     float low[3], high[3];
 };
 
-/* Reorder the indices so that every run of `run` of them, counted from the first, is compact in space: a tree of halves
- * across the longest side. positions[index * stride] begins a point. */
-void bundles_sort(const float *positions, size_t stride, uint32_t *order, size_t count, size_t run);
-
-/* Reorder indices along a curve that fills space: faster than bundles_sort, and not quite as compact. Returns 0, or -1
- * when memory ran out. */
+/* Reorder indices along a curve that fills space, so that runs of them are compact. positions[index * stride] begins a
+ * point. Returns 0, or -1 when memory ran out. */
 int bundles_order(const float *positions, size_t stride, uint32_t *order, size_t count);
 
 /* The box of some of the points; with no order, of the first. */

@@ -3,6 +3,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 /* Smaller patches are left to the gather, and those whose box is mostly empty. */
 enum { LEAST_RECEIVERS = 256, BOX_A_RECEIVER = 12 };
@@ -260,6 +261,22 @@ static int widen(struct convolve_patches *patches)
     return NACRE_OK;
 }
 
+static bool any_patch(const struct convolve_patches *patches)
+{
+    bool any = false;
+    for (size_t i = 0; i < patches->count; i++) {
+        any = any || patches->list[i].receivers > 0;
+    }
+    return any;
+}
+
+static void clear_misfits(struct convolve_patches *patches, size_t receivers)
+{
+    for (size_t i = 0; i < receivers; i++) {
+        patches->misfit[i] = HUGE_VALF;
+    }
+}
+
 int convolve_patches_make(struct convolve_patches *patches, const struct mesh *mesh,
                           const struct mapping *mapping, const struct appearance *appearance,
                           const struct receivers *receivers, bool same_side,
@@ -291,7 +308,12 @@ int convolve_patches_make(struct convolve_patches *patches, const struct mesh *m
     if (make_cells(patches, &finder, appearance->window) != 0) {
         goto out;
     }
-    if (convolve_misfit(patches, mapping, appearance, receivers, finder.areas, same_side) == 0) {
+    /* Without a patch there is nothing to survey; no receiver is in one then. */
+    if (!any_patch(patches)) {
+        clear_misfits(patches, count);
+        status = NACRE_OK;
+    } else if (convolve_misfit(patches, mapping, appearance, receivers, finder.areas, same_side) ==
+               0) {
         status = widen(patches);
     }
 out:
@@ -303,6 +325,32 @@ out:
         convolve_patches_finish(patches);
         return nacre_fail_memory(error, "the level parts of a surface");
     }
+    return NACRE_OK;
+}
+
+int convolve_patches_copy(struct convolve_patches *copy, const struct convolve_patches *patches,
+                          size_t receivers, struct nacre_error *error)
+{
+    *copy = (struct convolve_patches){.of = malloc((receivers + 1) * sizeof *copy->of),
+                                      .misfit = malloc((receivers + 1) * sizeof *copy->misfit)};
+    bool made = copy->of && copy->misfit;
+    for (size_t i = 0; made && i < patches->count; i++) {
+        const struct convolve_patch *patch = &patches->list[i];
+        size_t size = (size_t)patch->columns * (size_t)patch->rows * sizeof *patch->places;
+        copy->list[i] = *patch;
+        copy->list[i].places = patch->places ? malloc(size + 1) : NULL;
+        copy->count++;
+        made = !patch->places || copy->list[i].places;
+        if (patch->places && made) {
+            memcpy(copy->list[i].places, patch->places, size);
+        }
+    }
+    if (!made) {
+        convolve_patches_finish(copy);
+        return nacre_fail_memory(error, "the level parts of a surface");
+    }
+    memcpy(copy->of, patches->of, receivers * sizeof *copy->of);
+    memcpy(copy->misfit, patches->misfit, receivers * sizeof *copy->misfit);
     return NACRE_OK;
 }
 

@@ -36,6 +36,8 @@ int convolve_patches_make(struct convolve_patches *patches, const struct mesh *m
                           const struct mapping *mapping, const struct appearance *appearance,
                           const struct receivers *receivers, bool same_side,
                           struct nacre_error *error);
+int convolve_patches_copy(struct convolve_patches *copy, const struct convolve_patches *patches,
+                          size_t receivers, struct nacre_error *error);
 void convolve_patches_finish(struct convolve_patches *patches);
 
 /* Which patch light at a place of the texture and of space falls on, or -1. The surface's normal there tells the two sides of

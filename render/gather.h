@@ -23,6 +23,8 @@ enum gather_way {
     GATHER_CONVOLVED /* all that can be, even where that is not sooner: for checks of convolution */
 };
 
+struct gather_surface;
+
 struct gather {
     const struct mesh *mesh;
     const struct mapping *mapping;
@@ -33,6 +35,7 @@ struct gather {
      * vertices, measured on some (gather_probe.h). 0: every sample by itself. */
     double tolerance;
     enum gather_way way;
+    struct gather_surface *surface; /* of this object, mapping and appearance; NULL: not kept */
 };
 
 struct gather_counts {

@@ -50,9 +50,10 @@ int gather_convolved_make(struct gather_convolved *convolved, const struct gathe
     if (!convolved->how.suits || gather->way == GATHER_SUMMED || !(gather->tolerance > 0)) {
         return NACRE_OK;
     }
-    if (convolve_patches_make(&convolved->patches, gather->mesh, gather->mapping,
-                              gather->appearance, &stock->receivers, gather->same_side,
-                              error) != NACRE_OK) {
+    if (gather_surface_survey(stock->surface, gather->mesh, gather->mapping, gather->appearance,
+                              gather->same_side, error) != NACRE_OK ||
+        convolve_patches_copy(&convolved->patches, &stock->surface->patches, count, error) !=
+            NACRE_OK) {
         return NACRE_FAILED;
     }
     convolve_leave_out(&convolved->patches, count, gather->mapping, gather->appearance,

@@ -10,7 +10,7 @@
 
 struct gather_convolved {
     const struct gather_stock *stock;
-    struct convolve_patches patches;
+    struct convolve_patches patches; /* the surface's, but for those that are left out */
     struct convolve_light how;
     int fine;
     float (*light)[3];             /* [receivers] */

@@ -110,8 +110,8 @@ static void set_factors(const struct run *run, struct device_arguments *argument
 {
     const struct appearance *a = run->stock->gather->appearance;
     size_t texels = (size_t)a->width * (size_t)a->height, mixed = texels * (size_t)a->mixed;
-    device_set_shared(arguments, run->stock->factors,
-                      texels * (size_t)a->terms * 4 * sizeof *run->stock->factors);
+    device_set_shared(arguments, run->stock->surface->factors,
+                      texels * (size_t)a->terms * 4 * sizeof *run->stock->surface->factors);
     device_set_shared(arguments, a->ids, mixed * sizeof *a->ids);
     device_set_shared(arguments, a->weights, mixed * sizeof *a->weights);
 }

@@ -8,53 +8,28 @@
 
 enum { BLOCK = 64 };
 
-void gather_by_terms(const float *from, size_t planes, size_t terms, float *to)
-{
-    for (size_t t = 0; t < terms; t++) {
-        for (size_t c = 0; c < 3; c++) {
-            to[t * 4 + c] = from[(planes == 1 ? 0 : c) * terms + t];
-        }
-        to[t * 4 + 3] = 0;
-    }
-}
-
-static int fill_factors(struct gather_stock *stock, struct nacre_error *error)
-{
-    const struct appearance *a = stock->gather->appearance;
-    size_t texels = (size_t)a->width * (size_t)a->height, terms = (size_t)a->terms;
-    size_t planes = (size_t)a->factor_channels;
-    stock->factors = device_allocate(texels * terms * 4 * sizeof *stock->factors, error);
-    if (!stock->factors) {
-        return NACRE_FAILED;
-    }
-#pragma omp parallel for
-    for (size_t i = 0; i < texels; i++) {
-        gather_by_terms(a->f + i * terms * planes, planes, terms, stock->factors + i * terms * 4);
-    }
-    return NACRE_OK;
-}
-
 int gather_stock_make(struct gather_stock *stock, const struct gather *gather,
                       struct nacre_error *error)
 {
     struct gather_stage *vertices = &stock->stages[0];
     *stock = (struct gather_stock){.gather = gather};
+    stock->surface = gather->surface ? gather->surface : &stock->own;
     if (sources_take(&stock->samples, gather->samples, error) != NACRE_OK) {
         return NACRE_FAILED;
     }
     if (stock->samples.count == 0 || !gather->appearance->gathers) {
         return NACRE_OK;
     }
-    if (receivers_make(&stock->receivers, gather->mesh, gather->mapping, gather->appearance,
-                       error) != NACRE_OK) {
+    if (gather_surface_make(stock->surface, gather->mesh, gather->mapping, gather->appearance,
+                            error) != NACRE_OK) {
         return NACRE_FAILED;
     }
-    vertices->receivers = stock->receivers.list;
-    vertices->count = stock->receivers.count;
+    vertices->receivers = stock->surface->receivers.list;
+    vertices->count = stock->surface->receivers.count;
+    vertices->bundles = stock->surface->bundles; /* which owns them */
+    stock->receivers = stock->surface->receivers;
     stock->stage_count = 1;
-    return reach_bundle(&vertices->bundles, vertices->receivers, vertices->count, error) == NACRE_OK
-               ? fill_factors(stock, error)
-               : NACRE_FAILED;
+    return NACRE_OK;
 }
 
 /* Where every sample is taken, those of one kernel follow each other in each block: kernels then stay in the cache.
@@ -113,13 +88,14 @@ int gather_stock_extend(struct gather_stock *stock, const struct levels *levels,
 void gather_stock_finish(struct gather_stock *stock)
 {
     for (int i = 0; i <= LEVELS_MAXIMUM; i++) {
-        reach_bundles_finish(&stock->stages[i].bundles);
+        if (i > 0) {
+            reach_bundles_finish(&stock->stages[i].bundles);
+        }
         posts_finish(&stock->stages[i].posts);
     }
-    receivers_finish(&stock->receivers);
+    gather_surface_finish(&stock->own);
     source_set_finish(&stock->samples);
     source_set_finish(&stock->by_kernel);
     sources_finish(&stock->sources);
-    free(stock->factors);
     *stock = (struct gather_stock){0};
 }

@@ -4,6 +4,7 @@
 #define RENDER_GATHER_STOCK_H
 
 #include "render/gather.h"
+#include "render/gather_surface.h"
 #include "render/levels.h"
 #include "render/posts.h"
 #include "render/reach.h"
@@ -19,13 +20,14 @@ struct gather_stage {
 
 struct gather_stock {
     const struct gather *gather;
-    struct receivers receivers;
+    struct gather_surface *surface; /* the gather's, or the own one */
+    struct gather_surface own;
+    struct receivers receivers; /* the surface's */
     struct source_set samples;
     struct source_set by_kernel; /* the same, for passes that take them all */
     struct sources sources;
     struct gather_stage stages[LEVELS_MAXIMUM + 1]; /* vertices, then posts from fine to coarse */
     int stage_count;                                /* at least 1, if there are receivers */
-    float *factors;                                 /* F: [height][width][terms][4] */
 };
 
 int gather_stock_make(struct gather_stock *stock, const struct gather *gather,
@@ -35,8 +37,5 @@ int gather_stock_make(struct gather_stock *stock, const struct gather *gather,
 int gather_stock_extend(struct gather_stock *stock, const struct levels *levels,
                         struct nacre_error *error);
 void gather_stock_finish(struct gather_stock *stock);
-
-/* from[planes][terms] to to[terms][4], planes being 1 or 3. */
-void gather_by_terms(const float *from, size_t planes, size_t terms, float *to);
 
 #endif

@@ -10,8 +10,9 @@ int mesh_allocate(struct mesh *mesh, size_t vertices, size_t triangles, bool wit
     *mesh = (struct mesh){
         .vertex_count = vertices, .triangle_count = triangles, .scale = 1, .uv_mm = 1};
     if (vertices > UINT32_MAX || triangles > MESH_TRIANGLES_MAXIMUM) {
-        return nacre_fail(error, "a mesh of %zu triangles is larger than the limit of %d",
-                          triangles, MESH_TRIANGLES_MAXIMUM);
+        return nacre_fail(
+            error, "a mesh of %zu triangles is larger than the limit of %d; take a coarser one",
+            triangles, MESH_TRIANGLES_MAXIMUM);
     }
     mesh->positions = calloc(vertices + 1, sizeof *mesh->positions);
     mesh->normals = calloc(vertices + 1, sizeof *mesh->normals);

@@ -29,6 +29,15 @@ static const double step_share = 0.6;
 /* Beyond this share of the time, looking how long the picture takes would take what it needs. */
 static const double closing_share = 0.4;
 
+/* The halves cannot tell what they share: where light ends within few kernels' widths, their difference is one number, and
+ * may be small by chance. How many of N samples, one or more to a triangle, fall inside a patch of light hangs on the
+ * triangles at its rim, of which there are 3.5 N^(1/2), each off by 0.2^(1/2) of a sample: sqrt(0.7) N^(-3/4) of the light
+ * in one half, and the mean of two has less by sqrt(2). */
+static const double rim_noise = 0.6, rim_power = -0.75;
+
+/* Samples to a surface point, in a half, that find no light where there is none. */
+static const double dark_density = 24;
+
 /* 30 years: nanoseconds of far more do not fit into 64 bits. */
 static const double longest_seconds = 1e9;
 
@@ -38,6 +47,7 @@ struct run {
     struct refine_report *report;
     double density; /* so far, in a half */
     double samples_per_density;
+    double samples, lit;  /* so far, in a half */
     double weighted_bias; /* sum of what summing up changes, times density */
     double closing;       /* seconds */
 };
@@ -66,6 +76,16 @@ static int64_t steps_end_ns(const struct run *run)
                : 0;
 }
 
+/* Of the mean of both halves; 1: no light was found yet where there may be some. */
+static double noise_so_far(const struct run *run)
+{
+    double measured = run->work->noise(run->work->context);
+    if (run->samples > 0 && !(run->lit > 0)) {
+        return run->density < dark_density ? 1 : 0;
+    }
+    return measured > 0 ? fmax(measured, rim_noise * pow(run->lit, rim_power)) : 0;
+}
+
 static int take(struct run *run, double density, double tolerance, struct nacre_error *error)
 {
     const struct refine_step step = {density, run->density, tolerance, steps_end_ns(run)};
@@ -80,7 +100,9 @@ static int take(struct run *run, double density, double tolerance, struct nacre_
     run->density += density;
     run->weighted_bias += outcome.summed * density;
     run->samples_per_density = (double)outcome.samples / density;
-    report->noise = run->work->noise(run->work->context);
+    run->samples += (double)outcome.samples;
+    run->lit += (double)outcome.lit;
+    report->noise = noise_so_far(run);
     report->bias = run->weighted_bias / run->density;
     report->error = hypot(report->noise, report->bias);
     report->steps[report->count++] = (struct refine_try){2 * run->density, tolerance, report->noise,

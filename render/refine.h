@@ -31,6 +31,7 @@ struct refine_step {
 
 struct refine_outcome {
     size_t samples; /* in each half */
+    size_t lit;     /* of them */
     double summed;  /* what summing up changes, relative */
     bool cut;       /* time was up; both halves are as they were before */
 };

@@ -26,10 +26,12 @@ struct render_settings {
 struct render_object_report {
     size_t vertices, triangles, degenerate;
     size_t open_edges,
-        crowded_edges;         /* of the mesh as it was: with one triangle, with more than two */
-    bool translucent, limited; /* limited: edges stayed longer than a surface point */
-    double stretch[3];         /* percentiles 5, 50, 95 of drawn over true size */
-    double edge_on;            /* share of the surface that the mapping sees from the side */
+        crowded_edges; /* of the mesh as it was: with one triangle, with more than two */
+    bool translucent;
+    bool
+        limited; /* edges stayed longer than a surface point, or than a plain object's light needs */
+    double stretch[3]; /* percentiles 5, 50, 95 of drawn over true size */
+    double edge_on;    /* share of the surface that the mapping sees from the side */
     double point_mm;
     struct bake_counts counts;
 };

@@ -26,12 +26,16 @@ struct light_samples {
     struct light_work work;
 };
 
+struct gather_surface;
+
 /* What is lit: one translucent object among the scene's surfaces. */
 struct lit_surface {
     const struct mesh *mesh;
     const struct mapping *mapping;
     size_t object; /* its number in the world */
     double index;  /* of refraction, for light that enters; 1: for all light alike */
+    struct gather_surface
+        *kept; /* from one gather on it to the next (gather_surface.h); NULL: nothing */
 };
 
 /* Points spread over the surface, `density` to the mm^2 and at least one in each triangle, each lit as irradiance_at

@@ -6,15 +6,29 @@
 #include "render/inside.h"
 #include "render/plain.h"
 
+#include <math.h>
 #include <stdlib.h>
 
 /* Of translucent meshes, in surface points: the diagonal of a square of one. */
 static const double longest_edge = 1.45;
 
-static int make_shape(const struct scene_object *object, double edge_mm, struct mesh *mesh,
-                      struct nacre_error *error)
+static const double pi = 3.14159265358979323846;
+
+/* An edge of a knot or a sphere with which it has no more triangles than the limit. */
+static double edge_within(const struct scene_object *object, double edge_mm, size_t limit)
+{
+    double tube = object->thickness, wide = 2 * (3 + tube);
+    /* Triangles of edge 1 on one of size 1: two to each square of rings and columns (shapes.c). */
+    double count =
+        object->shape == SHAPE_KNOT ? 2 * 27.4 * 1.2 * 2 * pi * tube / (wide * wide) : pi * pi;
+    return limit > 0 ? fmax(edge_mm, object->size_mm[0] * sqrt(count / (double)limit)) : edge_mm;
+}
+
+static int make_shape(const struct scene_object *object, double edge_mm, size_t limit,
+                      struct mesh *mesh, struct nacre_error *error)
 {
     const double *size = object->size_mm;
+    edge_mm = edge_within(object, edge_mm, limit);
     switch (object->shape) {
     case SHAPE_MESH:
         if (mesh_load(object->file, mesh, error) != NACRE_OK) {
@@ -156,7 +170,8 @@ static int prepare_object(struct stage *stage, size_t index, struct nacre_error 
                                                : prepared->appearance.pitch_mm;
         stage->facts[index].point_mm = edge;
     }
-    if (make_shape(object, edge, &prepared->mesh, error) != NACRE_OK ||
+    if (make_shape(object, edge, stage->settings->triangle_limit, &prepared->mesh, error) !=
+            NACRE_OK ||
         place(stage, index, error) != NACRE_OK) {
         return NACRE_FAILED;
     }
@@ -264,12 +279,14 @@ static int prepare_objects(struct stage *stage, struct render_report *report,
                            struct nacre_error *error)
 {
     const struct scene *scene = stage->scene;
+    struct progress progress = progress_begin("meshes", stage->settings->bake.quiet);
+    double done = 0, steps = 2 * (double)scene->object_count;
     int status = NACRE_OK;
     for (size_t i = 0; status == NACRE_OK && i < scene->object_count; i++) {
-        status = prepare_object(stage, i, error);
-        if (status != NACRE_OK) {
-            (void)nacre_fail_within(error, "the object at line %d, column %d",
-                                    scene->objects[i].line, scene->objects[i].column);
+        status = progress_step(&progress, done++, steps, NULL, error);
+        if (status == NACRE_OK && prepare_object(stage, i, error) != NACRE_OK) {
+            status = nacre_fail_within(error, "the object at line %d, column %d",
+                                       scene->objects[i].line, scene->objects[i].column);
         }
     }
     if (status == NACRE_OK) {
@@ -277,12 +294,13 @@ static int prepare_objects(struct stage *stage, struct render_report *report,
                                      error);
     }
     for (size_t i = 0; status == NACRE_OK && i < scene->object_count; i++) {
-        status = refine_object(stage, i, &report->objects[i], error);
-        if (status != NACRE_OK) {
-            (void)nacre_fail_within(error, "the object at line %d, column %d",
-                                    scene->objects[i].line, scene->objects[i].column);
+        status = progress_step(&progress, done++, steps, NULL, error);
+        if (status == NACRE_OK && refine_object(stage, i, &report->objects[i], error) != NACRE_OK) {
+            status = nacre_fail_within(error, "the object at line %d, column %d",
+                                       scene->objects[i].line, scene->objects[i].column);
         }
     }
+    progress_end(&progress);
     return status;
 }
 
@@ -325,6 +343,7 @@ void stage_finish(struct stage *stage)
         free(stage->objects[i].light);
         free(stage->objects[i].soft);
         free(stage->objects[i].albedo);
+        gather_surface_finish(&stage->objects[i].gathering);
     }
     for (size_t i = 0; i < stage->light_count; i++) {
         light_finish(&stage->lights[i]);

@@ -3,6 +3,7 @@
 #define RENDER_STAGE_H
 
 #include "render/effects.h"
+#include "render/gather_surface.h"
 #include "render/irradiance.h"
 #include "render/render.h"
 
@@ -16,7 +17,8 @@ struct stage_object {
     float (*light)[3];
     /* Plain: the part of `light` that soft lights of the scene's list make, which POV-Ray can draw too. */
     float (*soft)[3];
-    float *albedo; /* of each surface point, where photons are passed on */
+    float *albedo;                   /* of each surface point, where photons are passed on */
+    struct gather_surface gathering; /* filled where light is gathered more than once */
 };
 
 struct stage {

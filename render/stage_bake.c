@@ -44,13 +44,15 @@ static int bake_translucent(struct stage *stage, size_t index, const struct ligh
                             const struct opencl *opencl, float (*radiosity)[3],
                             struct render_report *report, struct nacre_error *error)
 {
-    const struct stage_object *object = &stage->objects[index];
+    struct stage_object *object = &stage->objects[index];
     const struct render_object_effects *effects = &stage->effects.objects[index];
     struct bake_counts *counts = &report->objects[index].counts;
+    bool again = stage->settings->goal || render_has(&stage->effects, RENDER_BOUNCES);
     struct lit_surface surface = {&object->mesh, &object->mapping, index,
                                   effects->fresnel && render_has(&stage->effects, RENDER_FRESNEL)
                                       ? stage->scene->objects[index].index
-                                      : 1};
+                                      : 1,
+                                  again ? &object->gathering : NULL};
     double light = counts->light_seconds, gather = counts->gather_seconds;
     int status = bake_object(&surface, &object->appearance, effects, lighting, opencl,
                              &stage->settings->bake, radiosity, counts, error);

@@ -15,6 +15,9 @@ struct halves {
     size_t *first;           /* of each object's vertices in the sums */
     float (*sums[2])[3];     /* of each half: light times density */
     float (*first_light)[3]; /* of the step under way: the first half's light times density */
+    /* Of plain objects, whose soft lights' part goes with their light: all steps, and both halves of the step under way,
+     * times density. */
+    float (*soft)[3], (*step_soft)[3];
     struct render_object_report *before; /* what the objects' reports said before it */
     double weight;                       /* sum of densities */
 };
@@ -24,11 +27,12 @@ static bool is_lit(const struct stage_object *object)
     return object->light != NULL;
 }
 
-static size_t count_samples(const struct render_report *report)
+static struct refine_outcome count_samples(const struct render_report *report)
 {
-    size_t sum = 0;
+    struct refine_outcome sum = {0};
     for (size_t i = 0; i < report->object_count; i++) {
-        sum += report->objects[i].counts.samples;
+        sum.samples += report->objects[i].counts.samples;
+        sum.lit += report->objects[i].counts.lit;
     }
     return sum;
 }
@@ -63,6 +67,20 @@ static void add_light(const struct halves *halves, double density, float (*list)
     }
 }
 
+/* The same for the soft lights' part. */
+static void add_soft(const struct halves *halves, double density)
+{
+    for (size_t i = 0; i < halves->stage->scene->object_count; i++) {
+        const struct stage_object *object = &halves->stage->objects[i];
+        float(*sum)[3] = halves->step_soft + halves->first[i];
+        for (size_t v = 0; object->soft && v < object->mesh.vertex_count; v++) {
+            for (int c = 0; c < 3; c++) {
+                sum[v][c] += (float)(density * object->soft[v][c]);
+            }
+        }
+    }
+}
+
 static void add_list(float (*more)[3], size_t count, float (*sum)[3])
 {
     for (size_t i = 0; i < count; i++) {
@@ -82,6 +100,9 @@ static void set_light(const struct halves *halves)
             for (int c = 0; c < 3; c++) {
                 double sum = (double)halves->sums[0][at][c] + halves->sums[1][at][c];
                 object->light[v][c] = (float)(sum / (2 * halves->weight));
+                if (object->soft) {
+                    object->soft[v][c] = (float)(halves->soft[at][c] / (2 * halves->weight));
+                }
             }
         }
     }
@@ -105,6 +126,7 @@ static int bake_half(struct halves *halves, const struct refine_step *step, int 
     if (status == NACRE_OK) {
         stage->plain_lit = keeps_plain(stage);
         add_light(halves, step->density, half ? halves->sums[1] : halves->first_light);
+        add_soft(halves, step->density);
     }
     return status;
 }
@@ -113,11 +135,12 @@ static int bake_step(void *context, const struct refine_step *step, struct refin
                      struct nacre_error *error)
 {
     struct halves *halves = context;
-    size_t before = count_samples(halves->report), objects = halves->report->object_count;
-    size_t vertices = halves->first[objects];
+    const struct refine_outcome before = count_samples(halves->report);
+    size_t objects = halves->report->object_count, vertices = halves->first[objects];
     struct progress_deadline deadline = {halves->settings->goal->clock, step->until_ns, false};
     memcpy(halves->before, halves->report->objects, objects * sizeof *halves->before);
     memset(halves->first_light, 0, vertices * sizeof *halves->first_light);
+    memset(halves->step_soft, 0, vertices * sizeof *halves->step_soft);
     for (size_t i = 0; i < halves->report->object_count; i++) {
         halves->report->objects[i].counts.gather.error = 0; /* the largest is kept */
     }
@@ -134,8 +157,11 @@ static int bake_step(void *context, const struct refine_step *step, struct refin
     }
     if (status == NACRE_OK) {
         add_list(halves->first_light, vertices, halves->sums[0]);
+        add_list(halves->step_soft, vertices, halves->soft);
         halves->weight += step->density;
-        outcome->samples = (count_samples(halves->report) - before) / 2;
+        const struct refine_outcome all = count_samples(halves->report);
+        outcome->samples = (all.samples - before.samples) / 2;
+        outcome->lit = (all.lit - before.lit + 1) / 2; /* none only where neither half has one */
         for (size_t i = 0; i < halves->report->object_count; i++) {
             outcome->summed = fmax(outcome->summed, halves->report->objects[i].counts.gather.error);
         }
@@ -182,10 +208,12 @@ static int halves_make(struct halves *halves, struct nacre_error *error)
     }
     if (halves->first) {
         halves->first_light = calloc(halves->first[objects] + 1, sizeof *halves->first_light);
+        halves->soft = calloc(halves->first[objects] + 1, sizeof *halves->soft);
+        halves->step_soft = calloc(halves->first[objects] + 1, sizeof *halves->step_soft);
         halves->before = calloc(objects + 1, sizeof *halves->before);
     }
     return halves->first && halves->sums[0] && halves->sums[1] && halves->first_light &&
-                   halves->before
+                   halves->soft && halves->step_soft && halves->before
                ? NACRE_OK
                : nacre_fail_memory(error, "two halves of light");
 }
@@ -210,6 +238,8 @@ int stage_bake_refined(struct stage *stage, const struct opencl *opencl, stage_c
     free(halves.sums[0]);
     free(halves.sums[1]);
     free(halves.first_light);
+    free(halves.soft);
+    free(halves.step_soft);
     free(halves.before);
     return status;
 }

@@ -119,7 +119,7 @@ static void make_mesh(struct mesh *mesh, uint32_t side, double radius)
 static void make_light(struct bench *bench)
 {
     const struct mesh *meshes[1] = {&bench->mesh};
-    const struct lit_surface surface = {&bench->mesh, &bench->mapping, 0, 1};
+    const struct lit_surface surface = {&bench->mesh, &bench->mapping, 0, 1, NULL};
     struct world *world = NULL;
     must(world_new(meshes, 1, &world, &error));
     const struct lighting dark = {.world = world, .rays = 1, .seed = 1};
@@ -141,7 +141,8 @@ static double gather(struct bench *bench, double tolerance, enum gather_way way,
                      struct gather_counts *counts)
 {
     const struct gather gather = {
-        &bench->mesh, &bench->mapping, &bench->appearance, &bench->samples, false, tolerance, way};
+        &bench->mesh, &bench->mapping, &bench->appearance, &bench->samples, false, tolerance, way,
+        NULL};
     memset(light, 0, gather.mesh->vertex_count * sizeof *light);
     struct moment start = timing_now();
     must(gather_run(&gather, &bench->opencl, NULL, light, counts, &error));

@@ -129,7 +129,7 @@ static void make_bench(struct bench *bench)
 static void make_samples(const struct bench *bench, const struct amount *amount,
                          struct light_samples *samples)
 {
-    const struct lit_surface surface = {&bench->mesh, &bench->mapping, 0, 1};
+    const struct lit_surface surface = {&bench->mesh, &bench->mapping, 0, 1, NULL};
     const struct lighting lighting = {.world = bench->world,
                                       .lights = bench->lights,
                                       .light_count = 2,
@@ -160,7 +160,7 @@ static void make_local(const struct bench *bench, struct lit *lit)
 static struct gather gather_of(const struct bench *bench, const struct lit *lit, double tolerance)
 {
     return (struct gather){&bench->mesh, &bench->mapping, &bench->appearance, &lit->samples,
-                           false,        tolerance,       GATHER_SOONEST};
+                           false,        tolerance,       GATHER_SOONEST,     NULL};
 }
 
 static struct lit lit_make(struct bench *bench, const struct amount *amount, size_t every)

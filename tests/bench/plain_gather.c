@@ -1,6 +1,7 @@
 /* Host part of the pinned baseline: sorting, lists of what is in reach, launches. */
 #include "plain_gather.h"
 
+#include "halves.h"
 #include "render/bundles.h"
 #include "render/receivers.h"
 #include "timing.h"
@@ -152,7 +153,7 @@ static struct bundle_box *upload_receivers(struct plain *plain)
     for (size_t i = 0; i < count; i++) {
         plain->order[i] = (uint32_t)i;
     }
-    bundles_sort(positions, stride, plain->order, count, LANES);
+    halves_sort(positions, stride, plain->order, count, LANES);
     for (size_t i = 0; i < plain->bundle_count; i++) {
         size_t size = count - i * LANES < LANES ? count - i * LANES : LANES;
         boxes[i] = bundles_box(positions, stride, plain->order + i * LANES, size);
@@ -193,7 +194,7 @@ static struct bundle_box *upload_samples(struct plain *plain, size_t *leaf_count
             order[lit++] = (uint32_t)i;
         }
     }
-    bundles_sort(samples->list[0].position, stride, order, lit, LEAF);
+    halves_sort(samples->list[0].position, stride, order, lit, LEAF);
     *leaf_count = (lit + LEAF - 1) / LEAF;
     for (size_t i = 0; i < *leaf_count; i++) {
         size_t left = lit - i * LEAF;

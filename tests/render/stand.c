@@ -116,7 +116,7 @@ void stand_light_evenly(struct stand *stand, double density)
 {
     /* A far point light over every facet would not be even on a curved surface, so the flux is set by hand. */
     const struct mesh *meshes[1] = {&stand->mesh};
-    struct lit_surface surface = {&stand->mesh, &stand->mapping, 0, 1};
+    struct lit_surface surface = {&stand->mesh, &stand->mapping, 0, 1, NULL};
     struct world *world = NULL;
     double point = stand->mapping.point_mm;
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, world_new(meshes, 1, &world, &error), error.text);

@@ -228,7 +228,7 @@ static int try_to_bake_alone(struct stand *surface, const struct light *lights, 
     const bool albedo = mode == MODE_ALBEDO;
     const struct render_object_effects effects = {
         .albedo = albedo, .local = !albedo, .subsurface = !albedo && surface->appearance.gathers};
-    const struct lit_surface lit = {&surface->mesh, &surface->mapping, 0, 1};
+    const struct lit_surface lit = {&surface->mesh, &surface->mapping, 0, 1, NULL};
     struct world *world = NULL;
     struct bake_counts counts = {0};
     memset(surface->radiosity, 0, surface->mesh.vertex_count * sizeof *surface->radiosity);
@@ -577,7 +577,7 @@ static void light_does_not_pass_to_the_other_side_where_it_must_not(void)
         }
     }
     gather = (struct gather){&stand.mesh, &stand.mapping, &stand.appearance, &stand.samples,
-                             true,        1e-3,           GATHER_SUMMED};
+                             true,        1e-3,           GATHER_SUMMED,     NULL};
     TEST_ASSERT_EQUAL_INT_MESSAGE(
         NACRE_OK, gather_run(&gather, stand_opencl(), NULL, stand.radiosity, &counts, &error),
         error.text);
