@@ -79,7 +79,7 @@ static int extrapolate(struct hals *m, const struct hals_track *track, float sha
     }
     if (status == CL_SUCCESS) {
         status = clEnqueueNDRangeKernel(m->layout.opencl->queue, kernel, 1, NULL,
-                                        &m->layout.factor_floats, NULL, 0, NULL, NULL);
+                                        &m->layout.factor_floats, &m->layout.group, 0, NULL, NULL);
     }
     return opencl_check(m->layout.opencl, status, "cannot extrapolate", error);
 }

@@ -48,6 +48,7 @@ static void set_sizes(struct layout *l, int planes, int rows)
         .label_stride = stride,
     };
     l->factor_floats = (size_t)(r->height + rows) * (size_t)planes * (size_t)stride;
+    l->group = (size_t)r->lanes;
 }
 
 int layout_make_buffer(const struct layout *l, size_t bytes, void *from, bool shared,

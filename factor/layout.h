@@ -19,6 +19,8 @@ struct layout {
     const struct problem *problem;
     struct layout_sizes sizes;
     size_t factor_floats; /* of one factor as it lies on the device */
+    /* A work group that divides them. Left to PoCL it is another for each size of sample, and the kernel compiled anew. */
+    size_t group;
     cl_mem labels;
     struct {
         cl_mem responses, mask;

@@ -10,7 +10,7 @@ int terms_run(struct terms *m, enum terms_kernel name, const void *const *values
               struct nacre_error *error)
 {
     const struct opencl *opencl = m->layouts[0].opencl;
-    const size_t items[] = {across, down, deep}, one[] = {1, 1, 1};
+    const size_t items[] = {across, down, deep}, one[] = {1, 1, 1}, *group = &m->layouts[0].group;
     const cl_uint dimensions = deep > 0 ? 3 : down > 0 ? 2 : 1;
     cl_int status = CL_SUCCESS;
     for (int i = 0; i < count && status == CL_SUCCESS; i++) {
@@ -18,7 +18,7 @@ int terms_run(struct terms *m, enum terms_kernel name, const void *const *values
     }
     if (status == CL_SUCCESS) {
         status = clEnqueueNDRangeKernel(opencl->queue, m->kernels[name], dimensions, NULL, items,
-                                        name != TERMS_EXTRAPOLATE ? one : NULL, 0, NULL, NULL);
+                                        name != TERMS_EXTRAPOLATE ? one : group, 0, NULL, NULL);
     }
     return opencl_check(opencl, status, "cannot run a step of the terms", error);
 }
