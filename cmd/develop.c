@@ -149,13 +149,13 @@ static json_t *geometry_json(const struct develop_report *report)
         (void)json_array_append_new(map,
                                     real(align->map_px[tile / ALIGN_TILES][tile % ALIGN_TILES]));
     }
-    return json_pack("{s:s, s:o, s:I, s:I, s:I, s:o, s:o, s:o, s:o, s:s, s:o}", "demosaic",
-                     demosaic_names[report->demosaic], "misfit", real(report->misfit), "dots",
-                     (json_int_t)align->dots, "matched", (json_int_t)align->matched, "rejected",
-                     (json_int_t)align->rejected, "rms_px", real(align->rms_px), "worst_px",
-                     real(align->worst_px), "pixels_per_point", real(report->pixels_per_point),
-                     "rms_px_by_ninths", map, "lens", lens_model_names[align->lens], "lens_px",
-                     real(align->lens_px));
+    return json_pack("{s:s, s:o, s:o, s:I, s:I, s:I, s:o, s:o, s:o, s:o, s:s, s:o}", "demosaic",
+                     demosaic_names[report->demosaic], "misfit", real(report->misfit), "blur_px",
+                     real(report->blur_px), "dots", (json_int_t)align->dots, "matched",
+                     (json_int_t)align->matched, "rejected", (json_int_t)align->rejected, "rms_px",
+                     real(align->rms_px), "worst_px", real(align->worst_px), "pixels_per_point",
+                     real(report->pixels_per_point), "rms_px_by_ninths", map, "lens",
+                     lens_model_names[align->lens], "lens_px", real(align->lens_px));
 }
 
 static json_t *pixels_json(const struct develop_report *report)
@@ -253,6 +253,11 @@ static void print_text(const char *output, const struct develop_report *report)
     if (isfinite(report->misfit)) {
         (void)printf(" (frames and fit disagree by %.2g %%)", 100 * report->misfit);
     }
+    if (report->blur_px > 0) {
+        (void)printf("\n%-12s the camera is out of focus by %.2f px (deviation), which the fit "
+                     "takes into account",
+                     "", report->blur_px);
+    }
     (void)printf("\n%-12s %zu dead, %zu hot, %zu not linear, %zu noisy", "pixels", pixels->dead,
                  pixels->hot, pixels->nonlinear, pixels->noisy);
     if (isfinite(pixels->deviation)) {
@@ -313,7 +318,8 @@ const struct verb verb_develop = {
         "Patterns that were not measured leave responses of NaN, which are counted.\n\n"
         "--demosaic=fit is exact where light is even over each surface point and the camera sharp, "
         "as with the virtual station; where light changes within points or is blurred, malvar is "
-        "nearer. auto asks four grids.\n\n"
+        "nearer. auto asks four grids, and of the dots whether the camera is out of focus, which "
+        "it then takes into account.\n\n"
         "The calibration frames in the session's folder are all used; without any of one kind "
         "developing fails.",
     .operand_minimum = 1,

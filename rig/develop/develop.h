@@ -56,6 +56,8 @@ struct develop_report {
     enum demosaic demosaic;  /* that was used */
     double
         misfit; /* of frames and the fit's premise, relative, 0 to 1; NaN where it was not asked */
+    double
+        blur_px; /* deviation by which the camera is out of focus, which the fit takes into account */
     double pixels_per_point; /* camera pixels along a surface point in the middle */
     size_t falloff_pairs;    /* that told the projector's fall-off; 0: none was taken out */
     double falloff;       /* most of the projector's light in the region over the least, less 1 */

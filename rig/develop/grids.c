@@ -254,6 +254,7 @@ static uint64_t key_of(const struct development *development)
     const double numbers[] = {calibration->noise.pedestal,
                               calibration->noise.read_noise,
                               calibration->noise.electrons,
+                              development->report->blur_px,
                               map->lens.centre.x,
                               map->lens.centre.y,
                               map->lens.unit,

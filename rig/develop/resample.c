@@ -12,6 +12,7 @@
  * weights 1 / W_k, a sparse, symmetric, well-conditioned system as long as a point is wider than a pixel. */
 #include "rig/develop/resample.h"
 
+#include "rig/develop/blur.h"
 #include "rig/develop/demosaic.h"
 #include "rig/develop/fit.h"
 #include "rig/develop/footprint.h"
@@ -130,8 +131,8 @@ static int list_all(struct resampler *r, const struct flat *flat, struct nacre_e
 }
 
 int resampler_new(const struct flat *flat, const struct camera_map *map, int surface_width,
-                  int surface_height, enum demosaic demosaic, struct resampler **resampler,
-                  struct nacre_error *error)
+                  int surface_height, enum demosaic demosaic, double blur,
+                  struct resampler **resampler, struct nacre_error *error)
 {
     int status = NACRE_OK;
     struct resampler *r = calloc(1, sizeof *r);
@@ -151,6 +152,9 @@ int resampler_new(const struct flat *flat, const struct camera_map *map, int sur
     }
     status = footprints_init(&r->footprints, map, r->width, r->height, surface_width,
                              surface_height, error);
+    if (status == NACRE_OK && demosaic == DEMOSAIC_FIT) {
+        status = blur_footprints(&r->footprints, r->width, blur, error);
+    }
     if (status != NACRE_OK) {
         goto out;
     }

@@ -134,7 +134,7 @@ static struct stages time_grids(const char *path)
     const struct calibrate_options levels = {.black = BLACK_SUBTRACT, .confidence = 0.99};
     must(calibrate(&session, &levels, &progress, &calibration, &error));
     must(resampler_new(&calibration.flat, &calibration.map, session.station.sample.width,
-                       session.station.sample.height, DEMOSAIC_FIT, &resampler, &error));
+                       session.station.sample.height, DEMOSAIC_FIT, 0, &resampler, &error));
     for (int n = 0; n < plan_pattern_count(&session.plan, PATTERN_GRID); n++) {
         struct pattern pattern = {PATTERN_GRID, n};
         if (session_has(&session, pattern)) {

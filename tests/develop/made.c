@@ -233,10 +233,12 @@ static void expose_pattern(const struct made_station *station, const struct plan
     uint8_t *levels = malloc(points);
     float *radiosity = malloc(3 * points * sizeof *radiosity);
     double *signal = malloc((size_t)frames->width * (size_t)frames->height * sizeof *signal);
+    bool layer = pattern.kind == PATTERN_WHITE || pattern.kind == PATTERN_DOTS;
+    struct made_station seen = *station;
+    seen.blur_px += layer ? station->layer_soft_px : station->soft_px;
     plan_draw(plan, pattern, station->width, station->height, levels);
-    made_light(station, levels, pattern.kind == PATTERN_WHITE || pattern.kind == PATTERN_DOTS,
-               radiosity);
-    made_signal(station, radiosity, signal);
+    made_light(station, levels, layer, radiosity);
+    made_signal(&seen, radiosity, signal);
     for (size_t e = 0; e < frames->count; e++) {
         made_expose(station, signal, (double)frames->exposures[e].exposure_ns * 1e-9, &random,
                     frames->exposures[e].raw);

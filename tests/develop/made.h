@@ -28,10 +28,12 @@ struct made_station {
         lens; /* share of the radius by which the lens moves what is half the frame's diagonal off */
     double lens_x, lens_y; /* its centre, px from the frame's middle */
     double blur_px;        /* the lens spreads light over so many pixels more than one */
-    double black;          /* irradiance of a dark projector pixel; of a lit one it is 1 */
-    double reach;          /* decay length of the material, surface points */
-    double white[3];       /* reflectance of the white layer */
-    int dead_x, dead_y;    /* a pixel that sees nothing; -1: none */
+    double soft_px; /* the sample's light is soft by as many pixels, seen by a lens that is sharp */
+    double layer_soft_px; /* the white layer's light is */
+    double black;         /* irradiance of a dark projector pixel; of a lit one it is 1 */
+    double reach;         /* decay length of the material, surface points */
+    double white[3];      /* reflectance of the white layer */
+    int dead_x, dead_y;   /* a pixel that sees nothing; -1: none */
 };
 
 /* 40 x 36 points seen by 190 x 170 pixels of 10 bits from aside, with all kinds of noise. */

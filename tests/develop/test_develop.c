@@ -2,6 +2,7 @@
 #include "compare.h"
 #include "made.h"
 #include "nacre/scan.h"
+#include "rig/develop/blur.h"
 #include "rig/develop/develop.h"
 #include "unity.h"
 
@@ -377,25 +378,101 @@ static void camera_without_colours_gives_one_channel(void)
     station = colour;
 }
 
-static void frames_that_disagree_with_the_fit_go_by_malvar(void)
+/* Another session of the same sample, as long as the test runs. */
+struct other {
+    struct made_station station;
+    char *path, *folder;
+};
+
+static struct other other_begin(double blur_px, double soft_px, double layer_soft_px)
 {
-    struct made_station sharp = station;
-    char *kept = session_path;
-    char *other = made_folder();
-    station.blur_px = 1.2;
-    session_path = made_session(&station, other, plan_text);
+    struct other kept = {station, session_path, made_folder()};
+    station.blur_px = blur_px;
+    station.soft_px = soft_px;
+    station.layer_soft_px = layer_soft_px;
+    session_path = made_session(&station, kept.folder, plan_text);
+    return kept;
+}
+
+static void other_end(struct other *kept)
+{
+    free(session_path);
+    made_folder_remove(kept->folder);
+    session_path = kept->path;
+    station = kept->station;
+}
+
+static double error_by(enum demosaic demosaic)
+{
+    struct develop_options options = usual;
+    options.demosaic = demosaic;
+    struct develop_report report = develop(&options);
+    TEST_ASSERT_EQUAL_INT(demosaic, report.demosaic);
+    TEST_ASSERT_TRUE(isnan(report.misfit));
+    TEST_ASSERT_TRUE(report.blur_px == 0);
+    return compare().error;
+}
+
+/* The blur whose picture of an edge is nearest, by least squares, to that of a lens which spreads light evenly over a pixel and
+ * `more`: its ends are longer than such a lens's, so its deviation is greater. */
+static double nearest_blur(double more)
+{
+    double best = 0, least = INFINITY, weights[2 * BLUR_REACH + 1];
+    for (int step = 0; step < 100 * BLUR_MOST; step++) {
+        double blur = 0.01 * step;
+        int reach = blur_weights(blur, weights);
+        double squares = 0;
+        for (int place = -400; place < 400; place++) {
+            double x = 0.02 * place;
+            double left = fmin(fmax(x / (1 + more) + 0.5, 0), 1);
+            for (int k = -reach; k <= reach; k++) {
+                left -= weights[reach + k] * fmin(fmax(x + k + 0.5, 0), 1);
+            }
+            squares += left * left;
+        }
+        best = squares < least ? blur : best;
+        least = fmin(squares, least);
+    }
+    return best;
+}
+
+static void a_camera_out_of_focus_is_seen_in_the_dots(void)
+{
+    struct other kept = other_begin(1.2, 0, 0);
+    struct develop_report report = develop(&usual);
+    double error_found = compare().error;
+    TEST_ASSERT_EQUAL_INT(DEMOSAIC_FIT, report.demosaic);
+    /* the section ends within 0.03; the dots are no edges, but squares four pixels wide */
+    TEST_ASSERT_DOUBLE_WITHIN(0.06, nearest_blur(1.2), report.blur_px);
+    TEST_ASSERT_TRUE(report.misfit < 0.1);
+    TEST_ASSERT_TRUE(error_found < 0.5 * error_by(DEMOSAIC_FIT));
+    TEST_ASSERT_TRUE(error_found < 0.5 * error_by(DEMOSAIC_MALVAR));
+    other_end(&kept);
+}
+
+static void light_that_is_soft_in_the_sample_goes_by_malvar(void)
+{
+    struct other kept = other_begin(0, 1.2, 0);
     struct develop_report report = develop(&usual);
     TEST_ASSERT_TRUE(report.misfit > 0.1);
+    TEST_ASSERT_TRUE(report.blur_px == 0);
     TEST_ASSERT_EQUAL_INT(DEMOSAIC_MALVAR, report.demosaic);
-    struct develop_options options = usual;
-    options.demosaic = DEMOSAIC_FIT;
-    report = develop(&options);
+    other_end(&kept);
+}
+
+/* With a sample whose light is soft, too, but less: the dots' blur does not become the grids. */
+static void a_white_layer_that_spreads_light_is_no_blur_of_the_camera(void)
+{
+    struct other kept = other_begin(0, 0, 1.2);
+    struct develop_report report = develop(&usual);
     TEST_ASSERT_EQUAL_INT(DEMOSAIC_FIT, report.demosaic);
-    TEST_ASSERT_TRUE(isnan(report.misfit));
-    free(session_path);
-    made_folder_remove(other);
-    session_path = kept;
-    station = sharp;
+    TEST_ASSERT_TRUE(report.blur_px == 0);
+    other_end(&kept);
+    kept = other_begin(0, 0.4, 2.4);
+    report = develop(&usual);
+    TEST_ASSERT_TRUE(report.misfit > 0.03); /* so that the dots were asked */
+    TEST_ASSERT_TRUE(report.blur_px == 0);
+    other_end(&kept);
 }
 
 int main(void)
@@ -423,7 +500,9 @@ int main(void)
     RUN_TEST(saturated_points_are_not_measured);
     RUN_TEST(what_is_no_session_is_refused);
     RUN_TEST(output_that_cannot_be_written_is_refused);
-    RUN_TEST(frames_that_disagree_with_the_fit_go_by_malvar);
+    RUN_TEST(a_camera_out_of_focus_is_seen_in_the_dots);
+    RUN_TEST(light_that_is_soft_in_the_sample_goes_by_malvar);
+    RUN_TEST(a_white_layer_that_spreads_light_is_no_blur_of_the_camera);
     RUN_TEST(camera_without_colours_gives_one_channel);
     free(session_path);
     free(scan_path);

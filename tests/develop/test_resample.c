@@ -1,5 +1,6 @@
 /* From camera pixels to surface points. */
 #include "made.h"
+#include "rig/develop/blur.h"
 #include "rig/develop/fit.h"
 #include "rig/develop/footprint.h"
 #include "rig/develop/resample.h"
@@ -72,7 +73,7 @@ static void make_resampler(enum demosaic demosaic)
 {
     TEST_ASSERT_EQUAL_INT_MESSAGE(
         NACRE_OK,
-        resampler_new(&flat, &map, station.width, station.height, demosaic, &resampler, &error),
+        resampler_new(&flat, &map, station.width, station.height, demosaic, 0, &resampler, &error),
         error.text);
 }
 
@@ -233,6 +234,59 @@ static void even_surface_comes_out_even_under_vignetting(void)
         resampler_free(resampler);
         resampler = NULL;
     }
+}
+
+/* Light is neither lost nor moved, and spreads as far as asked. */
+static void a_blur_has_its_deviation(void)
+{
+    static const double wanted[] = {0, 0.05, 0.3, 0.7, 1, 1.5, BLUR_MOST};
+    for (size_t i = 0; i < sizeof wanted / sizeof *wanted; i++) {
+        double weights[2 * BLUR_REACH + 1], sum = 0, mean = 0, variance = 0;
+        int reach = blur_weights(wanted[i], weights);
+        TEST_ASSERT_TRUE(reach >= 0 && reach <= BLUR_REACH);
+        for (int k = 0; k <= 2 * reach; k++) {
+            TEST_ASSERT_TRUE(weights[k] >= 0);
+            sum += weights[k];
+            mean += weights[k] * (k - reach);
+            variance += weights[k] * (k - reach) * (k - reach);
+        }
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 1, sum);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, 0, mean);
+        TEST_ASSERT_DOUBLE_WITHIN(1e-12, wanted[i] * wanted[i], variance);
+    }
+}
+
+/* A row sums to 1 in the order of its points, and where the sample fills the view each point's light is seen as often as before:
+ * sums over all pixels change by rounding alone. */
+static void blurred_footprints_see_the_same_light(void)
+{
+    struct footprints sharp = {0}, blurred = {0};
+    TEST_ASSERT_EQUAL_INT(NACRE_OK,
+                          footprints_init(&sharp, &map, station.camera_width, station.camera_height,
+                                          station.width, station.height, &error));
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, footprints_init(&blurred, &map, station.camera_width,
+                                                    station.camera_height, station.width,
+                                                    station.height, &error));
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, blur_footprints(&blurred, station.camera_width, 0.8, &error));
+    double *seen = calloc(2 * points, sizeof *seen);
+    for (size_t i = 0; i < blurred.pixels; i++) {
+        double sum = 0;
+        for (size_t k = blurred.start[i]; k < blurred.start[i + 1]; k++) {
+            TEST_ASSERT_TRUE(k == blurred.start[i] || blurred.points[k - 1] < blurred.points[k]);
+            sum += (double)blurred.share[k];
+            seen[blurred.points[k]] += (double)(blurred.share[k] * blurred.inside[i]);
+        }
+        TEST_ASSERT_TRUE(blurred.start[i] == blurred.start[i + 1] || fabs(sum - 1) < 1e-5);
+        for (size_t k = sharp.start[i]; k < sharp.start[i + 1]; k++) {
+            seen[points + sharp.points[k]] += (double)(sharp.share[k] * sharp.inside[i]);
+        }
+    }
+    for (size_t p = 0; p < points; p++) {
+        TEST_ASSERT_DOUBLE_WITHIN(1e-4 * seen[points + p], seen[points + p], seen[p]);
+    }
+    free(seen);
+    footprints_finish(&sharp);
+    footprints_finish(&blurred);
 }
 
 static void fit_recovers_what_area_blurs(void)
@@ -443,7 +497,7 @@ static void too_coarse_a_camera_is_refused(void)
     memcpy(station.map, map.plane.m, sizeof map.plane.m);
     make_flat(NULL);
     TEST_ASSERT_EQUAL_INT(NACRE_FAILED, resampler_new(&flat, &map, station.width, station.height,
-                                                      DEMOSAIC_FIT, &resampler, &error));
+                                                      DEMOSAIC_FIT, 0, &resampler, &error));
     TEST_ASSERT_NOT_NULL(strstr(error.text, "red pixel"));
 }
 
@@ -454,6 +508,8 @@ int main(void)
     RUN_TEST(footprints_of_a_plain_grid_are_known);
     RUN_TEST(fit_agrees_with_dense_elimination);
     RUN_TEST(even_surface_comes_out_even_under_vignetting);
+    RUN_TEST(a_blur_has_its_deviation);
+    RUN_TEST(blurred_footprints_see_the_same_light);
     RUN_TEST(fit_recovers_what_area_blurs);
     RUN_TEST(misfit_tells_where_the_fit_is_the_nearest);
     RUN_TEST(misfit_leaves_noise_out);
