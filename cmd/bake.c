@@ -300,6 +300,10 @@ static int run(const void *data, const struct invocation *invocation, struct nac
     if (status == NACRE_OK) {
         status = scene_read(work.settings->scene, &work.scene, error);
     }
+    if (status == NACRE_OK &&
+        scene_check_output(&work.scene, work.settings->output, error) != NACRE_OK) {
+        status = OPTIONS_WRONG_USAGE;
+    }
     if (status == NACRE_OK) {
         status = choose_object(&work, error);
     }

@@ -1,6 +1,8 @@
 /* The program `nacre`: its list of verbs. */
 #include "cmd/verbs.h"
 
+#include <signal.h>
+
 int main(int argc, char **argv)
 {
     static const struct verb *const verbs[] = {
@@ -14,5 +16,7 @@ int main(int argc, char **argv)
         .summary = "measures, factors and renders heterogeneous translucent materials",
         .verbs = verbs,
     };
+    /* A limit on the size of files is told as an error of writing, like a full disk. */
+    (void)signal(SIGXFSZ, SIG_IGN);
     return options_run(&program, argc, argv);
 }

@@ -287,6 +287,11 @@ static int check_options(const struct render_options *s, struct nacre_error *err
                          s->samples > 0 ? "--samples" : "--photons");
         return OPTIONS_WRONG_USAGE;
     }
+    if (frames_of(s) > 0 && (s->pov || s->povray_shadows)) {
+        (void)nacre_fail(error, "--preview and --turntable draw without POV-Ray; leave out %s",
+                         s->pov ? "--pov" : "--povray-shadows");
+        return OPTIONS_WRONG_USAGE;
+    }
     if (s->error <= 0 && !(s->within > 0)) {
         (void)nacre_fail(error, "no number of samples has an error of 0; give a larger --error, or "
                                 "--within a time to come as near as can be");
@@ -356,6 +361,10 @@ static int run(const void *data, const struct invocation *invocation, struct nac
     }
     if (status == NACRE_OK) {
         status = scene_read(path, &scene, error);
+    }
+    if (status == NACRE_OK && settings->output &&
+        scene_check_output(&scene, settings->output, error) != NACRE_OK) {
+        status = OPTIONS_WRONG_USAGE;
     }
     if (status != NACRE_OK || settings->explain) {
         status = status ? status : render_explain(path, &scene, &render, invocation->json, error);

@@ -21,6 +21,9 @@ int render_explain(const char *path, const struct scene *scene,
     if (status == NACRE_OK) {
         status = render_effects_list(&stage, &effects, &count, error);
     }
+    if (status == NACRE_FAILED) {
+        (void)nacre_fail_within(error, "%s", path);
+    }
     if (status == NACRE_OK) {
         status = effects_print(&subject, effects, count, json, error);
     }

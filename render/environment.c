@@ -1,6 +1,8 @@
 /* Equirectangular pictures as light. */
 #include "render/environment.h"
 
+#include "render/light_picture.h"
+
 #include <stdlib.h>
 
 static const double pi = 3.14159265358979323846;
@@ -72,17 +74,12 @@ static int read_picture(struct environment *environment, const struct scene_envi
                         struct nacre_error *error)
 {
     struct picture *picture = &environment->picture;
-    if (picture_read(settings->image, picture, error) != NACRE_OK) {
+    if (light_picture_read(settings->image, picture, error) != NACRE_OK) {
         return NACRE_FAILED;
     }
     size_t count = (size_t)picture->width * (size_t)picture->height * 3;
     for (size_t i = 0; i < count; i++) {
-        if (!isfinite(picture->rgb[i])) {
-            return nacre_fail(error, "%s: pixel (%zu, %zu) is not finite; mend the picture",
-                              settings->image, i / 3 % (size_t)picture->width,
-                              i / 3 / (size_t)picture->width);
-        }
-        picture->rgb[i] = fmaxf(picture->rgb[i], 0) * (float)settings->color[i % 3];
+        picture->rgb[i] *= (float)settings->color[i % 3];
     }
     return sum_up(environment, error);
 }

@@ -2,6 +2,7 @@
 #include "render/lights.h"
 
 #include "nacre/error.h"
+#include "render/light_picture.h"
 
 #include <string.h>
 
@@ -27,7 +28,7 @@ static int slide_make(const struct scene_texture *texture, struct picture *slide
                       struct nacre_error *error)
 {
     if (texture->image) {
-        return picture_read(texture->image, slide, error);
+        return light_picture_read(texture->image, slide, error);
     }
     if (picture_allocate(slide, PATTERN_SIZE, PATTERN_SIZE, error) != NACRE_OK) {
         return NACRE_FAILED;

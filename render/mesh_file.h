@@ -4,7 +4,8 @@
 
 #include "nacre/error.h"
 
-/* Refuses what is missing, no file, empty, larger than 4 GB, or a PLY whose header promises more than the file holds. */
+/* Refuses what is missing, no file, empty, larger than 4 GB, or a PLY that
+ * holds less than its header says. */
 int mesh_file_check(const char *path, struct nacre_error *error);
 
 #endif

@@ -54,6 +54,32 @@ static void copy_part(const struct aiMesh *part, size_t first, size_t *triangles
     }
 }
 
+/* Read a file and have its faces made triangles. NULL: *error tells. */
+static const struct aiScene *import(const char *path, struct nacre_error *error)
+{
+    /* Without a look at the indices first, the other steps crash on files that lie. */
+    const struct aiScene *scene = aiImportFile(path, aiProcess_ValidateDataStructure);
+    for (unsigned m = 0; scene && m < scene->mNumMeshes; m++) {
+        const struct aiMesh *part = scene->mMeshes[m];
+        for (unsigned i = 0; i < part->mNumFaces; i++) {
+            if (part->mFaces[i].mNumIndices == 0) { /* at which triangulating aborts */
+                (void)nacre_fail(error, "%s: face %u has no corners; repair the mesh", path, i);
+                aiReleaseImport(scene);
+                return NULL;
+            }
+        }
+    }
+    if (scene) {
+        scene = aiApplyPostProcessing(
+            scene, aiProcess_Triangulate | aiProcess_JoinIdenticalVertices | aiProcess_SortByPType |
+                       aiProcess_PreTransformVertices | aiProcess_GenSmoothNormals);
+    }
+    if (!scene) {
+        (void)nacre_fail(error, "%s: cannot read the mesh: %s", path, aiGetErrorString());
+    }
+    return scene;
+}
+
 int mesh_load(const char *path, struct mesh *mesh, struct nacre_error *error)
 {
     int status = NACRE_FAILED;
@@ -63,12 +89,8 @@ int mesh_load(const char *path, struct mesh *mesh, struct nacre_error *error)
     if (mesh_file_check(path, error) != NACRE_OK) {
         return NACRE_FAILED;
     }
-    /* Without a look at the indices first, the other steps crash on files that lie. */
-    scene = aiImportFile(path, aiProcess_ValidateDataStructure | aiProcess_Triangulate |
-                                   aiProcess_JoinIdenticalVertices | aiProcess_SortByPType |
-                                   aiProcess_PreTransformVertices | aiProcess_GenSmoothNormals);
+    scene = import(path, error);
     if (!scene) {
-        (void)nacre_fail(error, "%s: cannot read the mesh: %s", path, aiGetErrorString());
         goto out;
     }
     struct totals totals = count(scene);

@@ -16,6 +16,28 @@
 
 enum { LOOK_NS = 20000000 };
 
+static int fail_start(int number, struct nacre_error *error)
+{
+    return nacre_fail_errno(error, number, "cannot run povray (Debian: apt install povray)");
+}
+
+int povray_probe(struct nacre_error *error)
+{
+    const char *at = getenv("PATH");
+    bool found = !at; /* the system's own path, which posix_spawnp knows */
+    while (at && !found) {
+        int length = (int)strcspn(at, ":");
+        char *path = NULL;
+        if (asprintf(&path, "%.*s/povray", length ? length : 1, length ? at : ".") < 0) {
+            return nacre_fail_memory(error, "the name of a program");
+        }
+        found = access(path, X_OK) == 0;
+        free(path);
+        at = at[length] ? at + length + 1 : NULL;
+    }
+    return found ? NACRE_OK : fail_start(ENOENT, error);
+}
+
 /* Start povray in `folder` with all it says going to povray.log there. */
 static int start(const char *folder, int width, int height, bool baked, pid_t *pid,
                  struct nacre_error *error)
@@ -58,9 +80,7 @@ static int start(const char *folder, int width, int height, bool baked, pid_t *p
                    : posix_spawnp(pid, "povray", &actions, NULL, (char *const *)arguments, environ);
         (void)posix_spawn_file_actions_destroy(&actions);
     }
-    return number == 0
-               ? NACRE_OK
-               : nacre_fail_errno(error, number, "cannot run povray (Debian: apt install povray)");
+    return number == 0 ? NACRE_OK : fail_start(number, error);
 }
 
 /* The share of the pixels that povray says it has rendered. */
@@ -106,6 +126,21 @@ static int wait_for(pid_t pid, int log, struct progress *progress, int *result,
     }
 }
 
+/* Not every file it looks for has to be there. */
+static bool tells_of_error(const char *line)
+{
+    return (strcasestr(line, "error") || strcasestr(line, "cannot")) &&
+           !strstr(line, "configuration file");
+}
+
+static void make_printable(char *line)
+{
+    line[strcspn(line, "\r\n")] = '\0';
+    for (; *line; line++) {
+        *line = (char)(*line >= ' ' && *line <= '~' ? *line : '?');
+    }
+}
+
 /* What povray.log says of an error, or its last line; one line in `text`. */
 static void read_message(int log, char *text, size_t size)
 {
@@ -113,11 +148,11 @@ static void read_message(int log, char *text, size_t size)
     size_t used = 0;
     FILE *file = lseek(log, 0, SEEK_SET) == 0 ? fdopen(dup(log), "r") : NULL;
     while (file && fgets(line, sizeof line, file)) {
-        line[strcspn(line, "\r\n")] = '\0';
+        make_printable(line);
         if (*line) {
             memcpy(last, line, sizeof last);
         }
-        if ((strcasestr(line, "error") || strcasestr(line, "cannot")) && used + 3 < size) {
+        if (tells_of_error(line) && used + 3 < size) {
             used += (size_t)snprintf(text + used, size - used, "%s%s", used ? "; " : "", line);
             used = used < size ? used : size - 1;
         }
@@ -143,17 +178,21 @@ int povray_render(const char *folder, int width, int height, bool baked, struct 
         (void)nacre_fail_memory(error, "the names of povray's files");
         goto out;
     }
+    (void)unlink(picture_path); /* an older one must not be taken for what povray makes now */
     if (start(folder, width, height, baked, &pid, error) != NACRE_OK) {
         goto out;
     }
     log = open(log_path, O_RDONLY | O_CLOEXEC); /* without it there is no bar and no message */
     status = wait_for(pid, log, progress, &result, error);
-    if (status == NACRE_OK && (!WIFEXITED(result) || WEXITSTATUS(result) != 0)) {
+    if (status == NACRE_OK && WIFSIGNALED(result)) {
+        status = nacre_fail(error, "povray was ended by signal %d (%s)", WTERMSIG(result),
+                            sigdescr_np(WTERMSIG(result)));
+    } else if (status == NACRE_OK && WEXITSTATUS(result) != 0) {
         read_message(log, message, sizeof message);
         status = nacre_fail(error, "povray failed: %s", message);
     }
-    if (status == NACRE_OK) {
-        status = picture_read(picture_path, picture, error);
+    if (status == NACRE_OK && picture_read(picture_path, picture, error) != NACRE_OK) {
+        status = nacre_fail_within(error, "povray left no picture that can be read");
     }
     if (status == NACRE_OK && (picture->width != width || picture->height != height)) {
         picture_finish(picture);
@@ -172,14 +211,18 @@ double povray_trace_seconds(const char *folder)
 {
     char *path = NULL, line[256];
     double seconds = 0;
-    FILE *file = asprintf(&path, "%s/povray.log", folder) < 0 ? NULL : fopen(path, "r");
+    FILE *file = NULL;
+    if (asprintf(&path, "%s/povray.log", folder) < 0) {
+        path = NULL; /* undefined where asprintf failed */
+    }
+    file = path ? fopen(path, "r") : NULL;
     while (file && fgets(line, sizeof line, file)) {
         const char *named = strstr(line, "Trace Time:"), *bracket = strchr(line, '(');
         seconds = named && bracket ? strtod(bracket + 1, NULL) : seconds;
     }
     if (file) {
         (void)fclose(file);
-        free(path);
     }
+    free(path);
     return seconds;
 }

@@ -8,6 +8,9 @@
 
 #include <stdbool.h>
 
+/* Whether there is a povray to run, told before long work. */
+int povray_probe(struct nacre_error *error);
+
 /* Render scene.pov in `folder` at the given size and read the picture; leaves povray.log and picture.exr there. `baked`
  * is the variable of pov.h. When povray fails, the error carries its own message. Stops it when the user asks to stop. */
 int povray_render(const char *folder, int width, int height, bool baked, struct progress *progress,

@@ -28,6 +28,7 @@ struct work {
     struct stage stage;
     char *temporary; /* folder to remove */
     const char *folder;
+    bool made; /* it was not there before */
 };
 
 static int64_t now_ns(void)
@@ -44,15 +45,32 @@ static double lap(int64_t *start_ns)
     return seconds;
 }
 
-/* The folder for POV-Ray's files: the one asked for, made if need be, or a temporary one. */
+/* The folder that was asked for, made if need be. */
+static int make_asked_folder(struct work *work, struct nacre_error *error)
+{
+    const char *folder = work->settings->pov_folder;
+    struct stat status;
+    work->made = mkdir(folder, 0777) == 0;
+    if (!work->made && errno != EEXIST) {
+        return nacre_fail_errno(error, errno, "%s: cannot make the folder for POV-Ray's files",
+                                folder);
+    }
+    if (stat(folder, &status) != 0 || !S_ISDIR(status.st_mode)) {
+        return nacre_fail(error, "%s: POV-Ray's files need a folder, and this is none", folder);
+    }
+    return access(folder, W_OK | X_OK) == 0
+               ? NACRE_OK
+               : nacre_fail_errno(error, errno, "%s: POV-Ray's files cannot be written there",
+                                  folder);
+}
+
+/* The folder for POV-Ray's files: the one asked for, or a temporary one. */
 static int make_folder(struct work *work, const char **folder, struct nacre_error *error)
 {
     const char *parent = getenv("TMPDIR");
     *folder = work->settings->pov_folder;
     if (*folder) {
-        return mkdir(*folder, 0777) == 0 || errno == EEXIST
-                   ? NACRE_OK
-                   : nacre_fail_errno(error, errno, "%s: cannot make the folder", *folder);
+        return make_asked_folder(work, error);
     }
     if (asprintf(&work->temporary, "%s/nacre-render-XXXXXX", parent && *parent ? parent : "/tmp") <
         0) {
@@ -190,7 +208,13 @@ int render_scene(const struct scene *scene, const struct render_settings *settin
     int64_t start = now_ns();
     *report = (struct render_report){0};
     *picture = (struct picture){0};
-    int status = stage_prepare(&work.stage, scene, settings, report, error);
+    int status = povray_probe(error);
+    if (status == NACRE_OK && settings->pov_folder) {
+        status = make_folder(&work, &work.folder, error);
+    }
+    if (status == NACRE_OK) {
+        status = stage_prepare(&work.stage, scene, settings, report, error);
+    }
     report->mesh_seconds = lap(&start);
     if (status == NACRE_OK) {
         status = bake(&work.stage, opencl, foresee_trace, &work, report, error);
@@ -200,6 +224,8 @@ int render_scene(const struct scene *scene, const struct render_settings *settin
     }
     if (work.temporary) {
         remove_temporary(&work);
+    } else if (work.made && settings->pov_folder && status != NACRE_OK) {
+        (void)rmdir(settings->pov_folder); /* where it is still empty */
     }
     free(work.temporary);
     stage_finish(&work.stage);

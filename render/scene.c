@@ -4,9 +4,15 @@
 #include "render/scene_schema.h"
 #include "render/vector.h"
 
+#include <math.h>
+#include <sys/stat.h>
+
+/* As far as a direction needs it, also in POV-Ray's files, which have seven digits. */
 static bool apart(const double a[3], const double b[3])
 {
-    return vec3_length(vec3_subtract(vec3_from_doubles(a), vec3_from_doubles(b))) > 1e-6;
+    double far = vec3_length(vec3_from_doubles(a)) + vec3_length(vec3_from_doubles(b));
+    double away = vec3_length(vec3_subtract(vec3_from_doubles(a), vec3_from_doubles(b)));
+    return away > fmax(1e-3, 1e-5 * far);
 }
 
 static int check_light(const char *name, const struct scene_light *light, struct nacre_error *error)
@@ -14,7 +20,8 @@ static int check_light(const char *name, const struct scene_light *light, struct
     const struct scene_texture *texture = &light->texture;
     bool shows = texture->image || texture->pattern != PATTERN_NONE;
     if (!apart(light->position_mm, light->at_mm)) {
-        return nacre_fail(error, "%s:%d:%d: the light's position_mm and at_mm are the same point",
+        return nacre_fail(error,
+                          "%s:%d:%d: the light's position_mm and at_mm are (nearly) the same point",
                           name, light->line, light->column);
     }
     if (light->kind == LIGHT_PROJECTOR && !shows) {
@@ -44,8 +51,9 @@ static int check(const char *name, const struct scene *scene, struct nacre_error
         vec3_subtract(vec3_from_doubles(camera->at_mm), vec3_from_doubles(camera->position_mm)));
     struct vec3 up = vec3_unit(vec3_from_doubles(camera->up));
     if (!apart(camera->position_mm, camera->at_mm)) {
-        return nacre_fail(error, "%s:%d:%d: the camera's position_mm and at_mm are the same point",
-                          name, camera->line, camera->column);
+        return nacre_fail(
+            error, "%s:%d:%d: the camera's position_mm and at_mm are (nearly) the same point", name,
+            camera->line, camera->column);
     }
     if (vec3_length(vec3_cross(view, up)) < 1e-4) {
         return nacre_fail(error, "%s:%d:%d: the camera looks along its own `up`; give another up",
@@ -97,6 +105,34 @@ int scene_parse(const char *name, const char *folder, const char *text, size_t s
         status = NACRE_FAILED;
     }
     return status;
+}
+
+static bool is_file(const struct stat *file, const char *path)
+{
+    struct stat status;
+    return path && stat(path, &status) == 0 && status.st_dev == file->st_dev &&
+           status.st_ino == file->st_ino;
+}
+
+int scene_check_output(const struct scene *scene, const char *path, struct nacre_error *error)
+{
+    struct stat file;
+    if (stat(path, &file) != 0 || !S_ISREG(file.st_mode)) {
+        return NACRE_OK;
+    }
+    bool read = is_file(&file, scene->environment.image);
+    for (size_t i = 0; i < scene->light_count; i++) {
+        read = read || is_file(&file, scene->lights[i].texture.image);
+    }
+    for (size_t i = 0; i < scene->object_count; i++) {
+        const struct scene_object *object = &scene->objects[i];
+        read = read || is_file(&file, object->file) || is_file(&file, object->material.file);
+    }
+    return read ? nacre_fail(error,
+                             "%s is to be read and would be overwritten; give the output another "
+                             "name",
+                             path)
+                : NACRE_OK;
 }
 
 void scene_finish(struct scene *scene)

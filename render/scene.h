@@ -123,6 +123,9 @@ int scene_read(const char *path, struct scene *scene, struct nacre_error *error)
 /* The same from text, with relative paths taken from `folder`. */
 int scene_parse(const char *name, const char *folder, const char *text, size_t size,
                 struct scene *scene, struct nacre_error *error);
+
+/* Refuse an output that is one of the files which the scene names. */
+int scene_check_output(const struct scene *scene, const char *path, struct nacre_error *error);
 void scene_finish(struct scene *scene);
 
 #endif

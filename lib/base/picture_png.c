@@ -2,6 +2,7 @@
 #include "base/picture_png.h"
 
 #include <errno.h>
+#include <fcntl.h>
 #include <math.h>
 #include <png.h>
 #include <setjmp.h>
@@ -10,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
+#include <unistd.h>
 
 /* What libpng's longjmp must find again. */
 struct png_task {
@@ -143,14 +145,33 @@ static void free_buffers(struct png_task *task)
     free(task->linear);
 }
 
+/* A pipe would be waited for. */
+static int open_plain(struct png_task *task, const char *path)
+{
+    struct stat status;
+    int file = open(path, O_RDONLY | O_CLOEXEC | O_NONBLOCK);
+    if (file >= 0 && fstat(file, &status) == 0 && !S_ISREG(status.st_mode)) {
+        (void)close(file);
+        return nacre_fail(task->error, "%s: cannot be read: not a plain file", path);
+    }
+    task->file = file >= 0 ? fdopen(file, "r") : NULL;
+    if (!task->file) {
+        int number = errno;
+        if (file >= 0) {
+            (void)close(file);
+        }
+        return nacre_fail_errno(task->error, number, "%s: cannot be read", path);
+    }
+    return NACRE_OK;
+}
+
 int picture_read_png(const char *path, struct picture *picture, struct nacre_error *error)
 {
     struct png_task task = {.name = path, .error = error};
     int result = NACRE_FAILED;
     *picture = (struct picture){0};
-    task.file = fopen(path, "re");
-    if (!task.file) {
-        return nacre_fail_errno(error, errno, "%s: cannot be read", path);
+    if (open_plain(&task, path) != NACRE_OK) {
+        return NACRE_FAILED;
     }
     task.png = png_create_read_struct(PNG_LIBPNG_VER_STRING, &task, note_failure, ignore_warning);
     task.info = task.png ? png_create_info_struct(task.png) : NULL;

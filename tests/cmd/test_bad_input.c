@@ -327,6 +327,10 @@ static void options_that_do_not_go_together_are_wrong_usage(void)
             input("plan.yaml"));
     REFUSES(WRONG_USAGE, "--calibration", "scan", input("session"), "--resume", "--calibration",
             input("session"));
+    REFUSES(WRONG_USAGE, "--pov", "render", input("scene.yaml"), "-o", output("out.png"),
+            "--preview", "--pov", output("pov"));
+    REFUSES(WRONG_USAGE, "--povray-shadows", "render", input("scene.yaml"), "-o", output("out.png"),
+            "--turntable", "2", "--povray-shadows");
     REFUSES(WRONG_USAGE, "--json", "simulate", input("sample.yaml"), "--explain", "--json", "-o",
             output("out.exr"));
 }
@@ -345,6 +349,10 @@ static void what_is_read_is_not_overwritten(void)
     REFUSES(WRONG_USAGE, "material.exr is to be read", "report", kept[0], kept[1], "-o", kept[1]);
     REFUSES(WRONG_USAGE, "scan.exr is to be read", "error", kept[0], kept[1], "--map", kept[0]);
     REFUSES(WRONG_USAGE, "sample.yaml is to be read", "simulate", kept[2], "-o", kept[2]);
+    char *scene = output("own.yaml");
+    stations_write_scene(scene, kept[1]); /* the scene names what is read */
+    REFUSES(WRONG_USAGE, "material.exr is to be read", "render", scene, "-o", kept[1]);
+    REFUSES(WRONG_USAGE, "material.exr is to be read", "bake", "--scene", scene, "-o", kept[1]);
     char *after = folder_describe(inputs);
     TEST_ASSERT_EQUAL_STRING(before, after);
     free(before);

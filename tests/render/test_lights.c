@@ -172,6 +172,34 @@ static void a_slide_is_seen_upright_and_not_mirrored(void)
     }
 }
 
+/* Wherever its light falls; what is negative is dark. */
+static void a_slide_that_is_not_finite_is_refused(void)
+{
+    struct picture slide;
+    char *path = strdup(scratch_path("slide.exr"));
+    struct scene_light showing = {.kind = LIGHT_PROJECTOR,
+                                  .position_mm = {0, 0, 100},
+                                  .up = {0, 1, 0},
+                                  .irradiance = {1, 1, 1},
+                                  .angle_deg = 20,
+                                  .texture = {.image = path}};
+    struct light projector;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, picture_allocate(&slide, 4, 2, &error));
+    slide.rgb[3 * 5] = -1;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, picture_write(path, &slide, NULL, &error));
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, light_make(&projector, &showing, &error), error.text);
+    TEST_ASSERT_EQUAL_FLOAT(0, projector.slide.rgb[3 * 5]);
+    light_finish(&projector);
+    slide.rgb[3 * 5] = NAN;
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, picture_write(path, &slide, NULL, &error));
+    TEST_ASSERT_EQUAL_INT(NACRE_FAILED, light_make(&projector, &showing, &error));
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "(1, 1)"), error.text);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, path), error.text);
+    light_finish(&projector);
+    picture_finish(&slide);
+    free(path);
+}
+
 static void a_slide_that_is_missing_is_refused(void)
 {
     struct scene_light projector = settings[3];
@@ -391,6 +419,7 @@ int main(void)
     RUN_TEST(light_falls_off_with_distance_and_slant);
     RUN_TEST(photons_bring_what_arrives);
     RUN_TEST(a_slide_is_seen_upright_and_not_mirrored);
+    RUN_TEST(a_slide_that_is_not_finite_is_refused);
     RUN_TEST(a_slide_that_is_missing_is_refused);
     RUN_TEST(area_lights_cast_penumbras);
     RUN_TEST(wrapping_mirrors_or_repeats);

@@ -408,19 +408,32 @@ static void a_missing_povray_is_told(void)
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, "apt install"), error.text);
 }
 
-static void a_failing_povray_speaks_for_itself(void)
+static void put_povray(const char *script)
 {
-    static const char script[] =
-        "#!/bin/sh\necho 'all was well'\n"
-        "echo \"File 'scene.pov' line 7: Parse Error: no moon\" >&2\nexit 1\n";
-    scratch_store("povray", script, sizeof script - 1);
-    (void)chmod(scratch_path("povray"), 0755);
     char *value = NULL;
+    scratch_store("povray", script, strlen(script));
+    (void)chmod(scratch_path("povray"), 0755);
     TEST_ASSERT_TRUE(asprintf(&value, "%s:/bin:/usr/bin", scratch_path("")) > 0);
     set_path(value);
     free(value);
+}
+
+static void a_failing_povray_speaks_for_itself(void)
+{
+    put_povray("#!/bin/sh\necho 'all was well'\n"
+               "echo 'cannot open the user configuration file povray.conf'\n"
+               "echo \"File 'scene.pov' line 7: Parse Error: no moon\" >&2\nexit 1\n");
     fails_with(SMALL FROM_ABOVE WHITE_GROUND "lights: []\n", "Parse Error: no moon");
     TEST_ASSERT_NULL_MESSAGE(strstr(error.text, "all was well"), error.text);
+    TEST_ASSERT_NULL_MESSAGE(strstr(error.text, "configuration"), error.text);
+}
+
+static void a_povray_that_is_killed_or_leaves_nothing_is_told(void)
+{
+    put_povray("#!/bin/sh\nkill -9 $$\n");
+    fails_with(SMALL FROM_ABOVE WHITE_GROUND "lights: []\n", "signal 9");
+    scratch_store("povray", "#!/bin/sh\n", strlen("#!/bin/sh\n"));
+    fails_with(SMALL FROM_ABOVE WHITE_GROUND "lights: []\n", "left no picture");
 }
 
 static void what_a_scene_names_must_be_there(void)
@@ -496,6 +509,7 @@ int main(void)
     RUN_TEST(pov_files_stay_where_they_are_asked_for);
     RUN_TEST(a_missing_povray_is_told);
     RUN_TEST(a_failing_povray_speaks_for_itself);
+    RUN_TEST(a_povray_that_is_killed_or_leaves_nothing_is_told);
     RUN_TEST(what_a_scene_names_must_be_there);
     RUN_TEST(values_beyond_half_floats_come_through);
     RUN_TEST(a_light_inside_a_translucent_object_is_told);
