@@ -14,26 +14,41 @@ static size_t needed_exposures(const struct search *search, size_t index,
     return set->count;
 }
 
-/* What the responses within the block and half a block around it ask for. */
-static void ask_responses(const struct search *search, const struct exposure_set *set,
-                          struct block *block)
+/* Whether a place lies within the block or half a block around it. */
+static bool is_near(const struct block *block, const struct pilot_place *place, int margin)
 {
-    const struct pilot *pilot = search->pilot;
-    int margin = search->wish->block / 2;
-    block->half = 1;
-    block->exposures = 1;
-    block->known = false;
-    for (size_t i = 0; i < pilot->responses; i++) {
-        const struct pilot_place *place = &pilot->places[i];
-        if (place->x < block->x - margin || place->x >= block->x + block->width + margin ||
-            place->y < block->y - margin || place->y >= block->y + block->height + margin) {
-            continue;
+    return place->x >= block->x - margin && place->x < block->x + block->width + margin &&
+           place->y >= block->y - margin && place->y < block->y + block->height + margin;
+}
+
+/* The first and the last block along an axis that a place may be near to. */
+struct span {
+    int first, last;
+};
+
+static struct span span_of(int place, int side, int margin, int count)
+{
+    int first = place > margin ? (place - margin) / side : 0, last = (place + margin) / side;
+    return (struct span){first, last < count ? last : count - 1};
+}
+
+/* Let the blocks around a response have what it asks for. */
+static void ask_response(const struct search *search, size_t index, const struct exposure_set *set)
+{
+    const struct pilot_place *place = &search->pilot->places[index];
+    int margin = search->wish->block / 2, half = search->halves[index];
+    size_t exposures = needed_exposures(search, index, set);
+    struct span x = span_of(place->x, search->side, margin, search->across);
+    struct span y = span_of(place->y, search->side, margin, search->down);
+    for (int row = y.first; row <= y.last; row++) {
+        for (int column = x.first; column <= x.last; column++) {
+            struct block *block = &search->blocks[row * search->across + column];
+            if (is_near(block, place, margin)) {
+                block->half = half > block->half ? half : block->half;
+                block->exposures = exposures > block->exposures ? exposures : block->exposures;
+                block->known = true;
+            }
         }
-        int half = search->halves[i];
-        size_t exposures = needed_exposures(search, i, set);
-        block->half = half > block->half ? half : block->half;
-        block->exposures = exposures > block->exposures ? exposures : block->exposures;
-        block->known = true;
     }
 }
 
@@ -54,7 +69,13 @@ void adapt_blocks_ask(const struct search *search, const struct exposure_set *se
 {
     int count = search->across * search->down;
     for (int b = 0; b < count; b++) {
-        ask_responses(search, set, &search->blocks[b]);
+        struct block *block = &search->blocks[b];
+        block->half = 1;
+        block->exposures = 1;
+        block->known = false;
+    }
+    for (size_t i = 0; i < search->pilot->responses; i++) {
+        ask_response(search, i, set);
     }
     struct block most = adapt_blocks_most(search);
     for (int b = 0; b < count; b++) {
@@ -125,6 +146,7 @@ int adapt_blocks_make(struct search *search, struct nacre_error *error)
     int side = search->wish->block > 0
                    ? search->wish->block
                    : (sample->width > sample->height ? sample->width : sample->height);
+    search->side = side;
     search->across = (sample->width + side - 1) / side;
     search->down = (sample->height + side - 1) / side;
     size_t count = (size_t)search->across * (size_t)search->down;

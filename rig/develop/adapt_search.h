@@ -35,6 +35,7 @@ struct search {
     int channels;
     struct foretold foretold;
     struct block *blocks;
+    int side; /* of a block that the sample's border does not cut */
     int across, down;
     struct exposure_set *sets;
     size_t set_count;

@@ -202,8 +202,7 @@ static void noise_is_foretold_by_the_sensor(void)
      * light, as the sensor's variances weigh them. The black level, too, is light. */
     double expected = tails_of(kind, true);
     TEST_ASSERT_DOUBLE_WITHIN(1e-6 * expected, expected, result.tails.mean); /* of floats */
-    /* The plan knows rings of the chessboard by their mean only. A variance is linear in light, for which the mean is exact, but
-     * where an exposure saturates on a part of a ring: on the three next to the lit point, which cost 0.9 % here. */
+    /* The plan knows rings of the chessboard by their mean only, within which light varies: entry by entry it is 0.9 % more. */
     TEST_ASSERT_DOUBLE_WITHIN(0.01 * expected, tails_of(kind, false), result.tails.mean);
 }
 
