@@ -108,6 +108,17 @@ void spawned_finish(struct spawned *run)
     *run = (struct spawned){0};
 }
 
+void spawn_or_abort(const char *const *arguments)
+{
+    struct spawned run = spawn(arguments, NULL);
+    if (run.status != 0) {
+        (void)fprintf(stderr, "%s %s: exit status %d\n%s%s", arguments[0], arguments[1], run.status,
+                      run.output, run.errors);
+        abort();
+    }
+    spawned_finish(&run);
+}
+
 char *path_join(const char *folder, const char *name)
 {
     char *path = NULL;

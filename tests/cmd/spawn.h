@@ -25,6 +25,9 @@ struct circumstances {
 struct spawned spawn(const char *const *arguments, const struct circumstances *around);
 void spawned_finish(struct spawned *run);
 
+/* Run for what is made before the tests: what fails ends the test program with what was said. */
+void spawn_or_abort(const char *const *arguments);
+
 /* A new empty folder below $TMPDIR or /tmp; heap. folder_remove removes it with all it holds and frees the name. */
 char *folder_make(void);
 void folder_remove(char *folder);

@@ -475,18 +475,7 @@ static void a_full_disk_leaves_what_was_there(void)
 
 /* Inputs of all cases. */
 
-static void run_or_abort(const char *const *arguments)
-{
-    struct spawned run = spawn(arguments, NULL);
-    if (run.status != 0) {
-        (void)fprintf(stderr, "%s %s: exit status %d\n%s%s", arguments[0], arguments[1], run.status,
-                      run.output, run.errors);
-        abort();
-    }
-    spawned_finish(&run);
-}
-
-#define RUN(...) run_or_abort((const char *const[]){nacre, __VA_ARGS__, NULL})
+#define RUN(...) spawn_or_abort((const char *const[]){nacre, __VA_ARGS__, NULL})
 
 static void make_inputs(void)
 {

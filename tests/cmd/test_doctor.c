@@ -1,9 +1,9 @@
 /* Tests of nacre doctor on virtual stations and on stations whose devices are not there. */
 #include "tests/cmd/spawn.h"
 #include "tests/cmd/stations.h"
+#include "tests/cmd/told.h"
 #include "unity.h"
 
-#include <jansson.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -52,8 +52,7 @@ static void virtual_station_is_well_and_its_latency_is_found(void)
     stations_change(station, "vignetting: 0.1}", "vignetting: 0.1, latency_ms: 21.5}");
     visit("--json");
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, ran.status, ran.errors);
-    json_t *root = json_loads(ran.output, 0, NULL);
-    TEST_ASSERT_NOT_NULL_MESSAGE(root, ran.output);
+    json_t *root = told_parse(ran.output);
     const json_t *latency = json_object_get(json_object_get(root, "delays"), "latency");
     /* 7680 pixels tell a share to far less than a hundredth of a per cent: rounding to a hundredth of a turn is ample. */
     TEST_ASSERT_DOUBLE_WITHIN(0.3, 21.5, json_real_value(json_object_get(latency, "median_ms")));
@@ -82,8 +81,7 @@ static void devices_that_are_not_there_are_all_named(void)
                     "trigger: {driver: gpio, gpio: {output: {line: nonexistent-line}}}");
     visit("--json");
     TEST_ASSERT_EQUAL_INT(1, ran.status);
-    json_t *root = json_loads(ran.output, 0, NULL);
-    TEST_ASSERT_NOT_NULL_MESSAGE(root, ran.output);
+    json_t *root = told_parse(ran.output);
     TEST_ASSERT_EQUAL_STRING("wrong", verdict_of(root, "projector"));
     TEST_ASSERT_EQUAL_STRING("wrong", verdict_of(root, "camera"));
     TEST_ASSERT_EQUAL_STRING("wrong", verdict_of(root, "trigger"));

@@ -2,8 +2,8 @@
 #include "nacre/material.h"
 #include "tests/cmd/made.h"
 #include "tests/cmd/spawn.h"
+#include "tests/cmd/told.h"
 
-#include <jansson.h>
 #include <math.h>
 #include <stdbool.h>
 #include <stdio.h>
@@ -40,35 +40,21 @@ static void expect_status(const struct spawned *run, int status)
     TEST_ASSERT_EQUAL_INT_MESSAGE(status, run->status, run->errors);
 }
 
-static json_t *parse(const struct spawned *run)
-{
-    json_t *object = json_loads(run->output, 0, NULL);
-    TEST_ASSERT_NOT_NULL_MESSAGE(object, run->output);
-    return object;
-}
-
-static double number(const json_t *object, const char *key)
-{
-    const json_t *value = json_object_get(object, key);
-    TEST_ASSERT_TRUE_MESSAGE(json_is_number(value), key);
-    return json_number_value(value);
-}
-
 static void an_error_is_held_by_what_is_in_the_file(void)
 {
     struct nacre_material read = {0};
     struct nacre_error error = {""};
     struct spawned run = RUN(NULL, "--error", "3%", "--json");
     expect_status(&run, 0);
-    json_t *object = parse(&run);
+    json_t *object = told_parse(run.output);
     TEST_ASSERT_TRUE(json_is_true(json_object_get(object, "error_held")));
     TEST_ASSERT_EQUAL_STRING("error", json_string_value(json_object_get(object, "stopped_by")));
     TEST_ASSERT_TRUE(json_array_size(json_object_get(object, "tried")) >= 1);
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, nacre_material_read(material, &read, &error),
                                   error.text);
     TEST_ASSERT_TRUE(read.error_mean <= 0.03);
-    TEST_ASSERT_EQUAL_INT(read.terms, (int)number(object, "terms"));
-    TEST_ASSERT_EQUAL_INT(read.clusters, (int)number(object, "clusters"));
+    TEST_ASSERT_EQUAL_INT(read.terms, (int)told_number(object, "terms"));
+    TEST_ASSERT_EQUAL_INT(read.clusters, (int)told_number(object, "clusters"));
     nacre_material_finish(&read);
     json_decref(object);
     spawned_finish(&run);
@@ -100,8 +86,8 @@ static void options_of_clusters_choose_the_model_of_clusters(void)
     for (size_t i = 0; i < sizeof options / sizeof *options; i++) {
         struct spawned run = RUN(NULL, options[i][0], options[i][1], "-i", "2", "--json");
         expect_status(&run, 0);
-        json_t *object = parse(&run);
-        TEST_ASSERT_EQUAL_INT_MESSAGE(i<3, number(object, "clusters")> 0, options[i][0]);
+        json_t *object = told_parse(run.output);
+        TEST_ASSERT_EQUAL_INT_MESSAGE(i<3, told_number(object, "clusters")> 0, options[i][0]);
         json_decref(object);
         spawned_finish(&run);
     }
@@ -124,9 +110,9 @@ static void time_to_spare_ends_early(void)
 {
     struct spawned run = RUN(NULL, "--within", "1h", "--method", "mu", "--json");
     expect_status(&run, 0);
-    json_t *object = parse(&run);
+    json_t *object = told_parse(run.output);
     TEST_ASSERT_TRUE(json_array_size(json_object_get(object, "tried")) >= 2);
-    TEST_ASSERT_TRUE(number(object, "seconds_iterating") < 3000);
+    TEST_ASSERT_TRUE(told_number(object, "seconds_iterating") < 3000);
     json_decref(object);
     spawned_finish(&run);
 }
@@ -169,7 +155,7 @@ static void an_explanation_comes_before_the_result(void)
     spawned_finish(&run);
     run = RUN(NULL, "--explain", "--json", "-t", "3", "-i", "5");
     expect_status(&run, 0);
-    json_t *object = parse(&run);
+    json_t *object = told_parse(run.output);
     json_t *first = json_array_get(json_object_get(object, "explained"), 0);
     TEST_ASSERT_EQUAL_STRING("model", json_string_value(json_object_get(first, "what")));
     TEST_ASSERT_NOT_NULL(
@@ -177,7 +163,7 @@ static void an_explanation_comes_before_the_result(void)
     json_decref(object);
     spawned_finish(&run);
     run = RUN(NULL, "--json", "-t", "3", "-i", "5");
-    object = parse(&run);
+    object = told_parse(run.output);
     TEST_ASSERT_NULL(json_object_get(object, "explained"));
     json_decref(object);
     spawned_finish(&run);
@@ -259,10 +245,10 @@ static double objective_of(const char *from)
     struct spawned run = RUN(NULL, "-t", "3", "-k", "2", "--iterations", "2", "--tolerance", "0",
                              "--json", from ? "--from" : NULL, from);
     expect_status(&run, 0);
-    json_t *object = parse(&run);
-    double objective = number(object, "objective");
+    json_t *object = told_parse(run.output);
+    double objective = told_number(object, "objective");
     /* the stages' iterations are in the material's history */
-    TEST_ASSERT_EQUAL_DOUBLE(from ? 22 : 2, number(object, "iterations"));
+    TEST_ASSERT_EQUAL_DOUBLE(from ? 22 : 2, told_number(object, "iterations"));
     json_decref(object);
     spawned_finish(&run);
     return objective;
@@ -331,16 +317,16 @@ static void a_smaller_window_counts_what_it_leaves_out(void)
 {
     struct spawned run = RUN(NULL, "-t", "6", "-k", "2", "--window", "3", "--json");
     expect_status(&run, 0);
-    json_t *object = parse(&run);
-    double error = number(json_object_get(object, "error"), "mean");
+    json_t *object = told_parse(run.output);
+    double error = told_number(object, "error.mean");
     TEST_ASSERT_TRUE(error >= 0.999 * left_out());
     TEST_ASSERT_TRUE(error <= hypot(left_out(), 0.05));
     json_decref(object);
     spawned_finish(&run);
     run = spawn((const char *const[]){nacre, "error", scan, material, "--json", NULL}, NULL);
     expect_status(&run, 0);
-    object = parse(&run);
-    TEST_ASSERT_EQUAL_DOUBLE(error, number(json_object_get(object, "error"), "mean"));
+    object = told_parse(run.output);
+    TEST_ASSERT_EQUAL_DOUBLE(error, told_number(object, "error.mean"));
     json_decref(object);
     spawned_finish(&run);
 }

@@ -3,10 +3,10 @@
 #include "tests/cmd/frames.h"
 #include "tests/cmd/mounts.h"
 #include "tests/cmd/spawn.h"
+#include "tests/cmd/told.h"
 
 #include <errno.h>
 #include <fcntl.h>
-#include <jansson.h>
 #include <signal.h>
 #include <stdbool.h>
 #include <stdint.h>
@@ -120,15 +120,6 @@ static void develop(const char *session, const char *output)
     spawned_finish(&run);
 }
 
-static int number_of(const char *json, const char *key)
-{
-    json_t *values = json_loads(json, 0, NULL);
-    TEST_ASSERT_NOT_NULL_MESSAGE(values, json);
-    int value = (int)json_integer_value(json_object_get(values, key));
-    json_decref(values);
-    return value;
-}
-
 /* Made before the tests, so what fails here ends the program. */
 static struct truth make_truth(const char *name, const char *noise, const char *lamp)
 {
@@ -152,7 +143,7 @@ static void measure_truth(const struct truth *truth)
     struct spawned run = scan(truth->session, truth, NULL);
     int took_us = (int)(now_us() - began_us);
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, run.status, run.errors);
-    TEST_ASSERT_EQUAL_INT(PATTERNS, number_of(run.output, "patterns"));
+    TEST_ASSERT_EQUAL_INT(PATTERNS, told_count(run.output, "patterns"));
     TEST_ASSERT_EQUAL_INT(PATTERNS, session_files_count(truth->session).patterns);
     develop(truth->session, truth->developed);
     undisturbed_us = undisturbed_us == 0 || took_us < undisturbed_us ? took_us : undisturbed_us;
@@ -166,7 +157,7 @@ static void measure_start(const struct truth *truth)
     struct spawned run = scan(truth->session, truth, NULL);
     start_us = (int)(now_us() - began_us);
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, run.status, run.errors);
-    TEST_ASSERT_EQUAL_INT(0, number_of(run.output, "patterns"));
+    TEST_ASSERT_EQUAL_INT(0, told_count(run.output, "patterns"));
     spawned_finish(&run);
 }
 
@@ -183,12 +174,12 @@ static void expect_complete(const struct spawned *run, struct session_files befo
                             struct landings *landings)
 {
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, run->status, run->errors);
-    int measured = number_of(run->output, "patterns");
-    TEST_ASSERT_EQUAL_INT_MESSAGE(before.patterns, number_of(run->output, "measured_before"),
+    int measured = told_count(run->output, "patterns");
+    TEST_ASSERT_EQUAL_INT_MESSAGE(before.patterns, told_count(run->output, "measured_before"),
                                   session);
     TEST_ASSERT_EQUAL_INT_MESSAGE(PATTERNS - before.patterns, measured, session);
-    TEST_ASSERT_EQUAL_INT(EXPOSURES * measured, number_of(run->output, "frames"));
-    TEST_ASSERT_EQUAL_INT(0, number_of(run->output, "retries"));
+    TEST_ASSERT_EQUAL_INT(EXPOSURES * measured, told_count(run->output, "frames"));
+    TEST_ASSERT_EQUAL_INT(0, told_count(run->output, "retries"));
     frames_expect_same(truth->session, session);
     landings->measured += measured;
     landings->taken_over += before.patterns;

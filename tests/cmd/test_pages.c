@@ -134,17 +134,6 @@ static void both_can_be_printed(void)
     }
 }
 
-/* Made before the tests; what fails here ends the program. */
-static void run(const char *const *arguments)
-{
-    struct spawned run = spawn(arguments, NULL);
-    if (run.status != 0) {
-        (void)fprintf(stderr, "%s\n", run.errors);
-        abort();
-    }
-    spawned_finish(&run);
-}
-
 static void make_pages(void)
 {
     char *scan = path_join(folder, "scan.exr"), *material = path_join(folder, "m.exr");
@@ -152,9 +141,11 @@ static void make_pages(void)
     report = path_join(folder, "report.html");
     char *to = path_join(folder, "study");
     made_scan_write(scan);
-    run((const char *const[]){nacre, "tradeoff", scan, "-o", to, "--budget", "3s", NULL});
-    run((const char *const[]){nacre, "factor", scan, "-o", material, "-t", "2", "-k", "2", NULL});
-    run((const char *const[]){nacre, "report", scan, material, "-o", report, NULL});
+    spawn_or_abort(
+        (const char *const[]){nacre, "tradeoff", scan, "-o", to, "--budget", "3s", NULL});
+    spawn_or_abort(
+        (const char *const[]){nacre, "factor", scan, "-o", material, "-t", "2", "-k", "2", NULL});
+    spawn_or_abort((const char *const[]){nacre, "report", scan, material, "-o", report, NULL});
     free(scan);
     free(material);
     free(to);

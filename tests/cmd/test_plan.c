@@ -1,9 +1,9 @@
 /* Tests of nacre plan: from a pilot to a plan, and to responses scanned by it. */
 #include "tests/cmd/spawn.h"
 #include "tests/cmd/stations.h"
+#include "tests/cmd/told.h"
 #include "unity.h"
 
-#include <jansson.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -50,13 +50,6 @@ static void must_run(const char *verb, const char *operand, const char *const mo
     TEST_ASSERT_NOT_NULL_MESSAGE(result, ran.output);
 }
 
-static double number(const json_t *object, const char *key)
-{
-    const json_t *value = json_object_get(object, key);
-    TEST_ASSERT_TRUE_MESSAGE(json_is_number(value), key);
-    return json_number_value(value);
-}
-
 /* The mean error of a session's responses against the exact ones. */
 static double error_of(const char *session, const char *exact)
 {
@@ -64,7 +57,7 @@ static double error_of(const char *session, const char *exact)
     must_run("develop", session, (const char *const[8]){"-o", scan});
     must_run("error", exact, (const char *const[8]){scan});
     free(scan);
-    return number(result, "mean");
+    return told_number(result, "mean");
 }
 
 static void adapted_plan_is_as_good_in_a_third_of_the_time(void)
@@ -75,17 +68,17 @@ static void adapted_plan_is_as_good_in_a_third_of_the_time(void)
     char *sample = path_join(folder, "sample.yaml");
     must_run("simulate", sample, (const char *const[8]){"-o", exact, "--window", "11"});
     must_run("scan", fixed, (const char *const[8]){"--station", station});
-    double whole = number(result, "station_seconds");
+    double whole = told_number(result, "station_seconds");
     must_run("plan", pilot,
              (const char *const[8]){"-o", plan, "--window=11", "--noise=5%", "--tails=10%",
                                     "--overlap=10%"});
     const json_t *told = json_object_get(result, "adapted");
-    double foretold = number(result, "station_seconds");
-    double noise = number(told, "noise_worst");
-    TEST_ASSERT_TRUE(noise <= 0.05 && number(told, "tails_worst") <= 0.1);
-    TEST_ASSERT_TRUE(number(told, "widest") < 11); /* else nothing overlaps */
+    double foretold = told_number(result, "station_seconds");
+    double noise = told_number(told, "noise_worst");
+    TEST_ASSERT_TRUE(noise <= 0.05 && told_number(told, "tails_worst") <= 0.1);
+    TEST_ASSERT_TRUE(told_number(told, "widest") < 11); /* else nothing overlaps */
     must_run("scan", adapted, (const char *const[8]){"--station", station, "--plan", plan});
-    double took = number(result, "station_seconds");
+    double took = told_number(result, "station_seconds");
     /* What is foretold is exposing alone; each of its two to four exposures has an overhead below a turn. */
     TEST_ASSERT_TRUE(took >= foretold && took < 2 * foretold);
     TEST_ASSERT_TRUE(took < whole / 3);
@@ -107,7 +100,7 @@ static void without_noise_the_exposures_stay(void)
     char *text = (char *)file_read(plan, &size);
     TEST_ASSERT_NOT_NULL(text);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "exposure_turns: [1, 8, 60]"), text);
-    TEST_ASSERT_EQUAL_DOUBLE(number(result, "grid_spacing"), number(result, "window"));
+    TEST_ASSERT_EQUAL_DOUBLE(told_number(result, "grid_spacing"), told_number(result, "window"));
     free(text);
 }
 

@@ -1,9 +1,9 @@
 /* Tests of what nacre scan tells of a scan, and of calibrations that it uses again. */
 #include "tests/cmd/spawn.h"
 #include "tests/cmd/stations.h"
+#include "tests/cmd/told.h"
 #include "unity.h"
 
-#include <jansson.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -33,16 +33,13 @@ static void scan(const char *session, const char *option, const char *value)
                                      "--json", option, value,   NULL};
     ran = spawn(arguments, NULL);
     if (ran.status == 0) {
-        result = json_loads(ran.output, 0, NULL);
-        TEST_ASSERT_NOT_NULL_MESSAGE(result, ran.output);
+        result = told_parse(ran.output);
     }
 }
 
 static int count(const char *key)
 {
-    const json_t *value = json_object_get(result, key);
-    TEST_ASSERT_TRUE_MESSAGE(json_is_integer(value), key);
-    return (int)json_integer_value(value);
+    return told_count(ran.output, key);
 }
 
 /* Exposures of 1, 8 and 60 turns at 30 Hz. */
@@ -79,7 +76,7 @@ static void dry_run_leaves_out_what_is_taken_over(void)
                                      "--dry-run", "--calibration", first,  "--json",    NULL};
     ran = spawn(arguments, NULL);
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, ran.status, ran.errors);
-    result = json_loads(ran.output, 0, NULL);
+    result = told_parse(ran.output);
     TEST_ASSERT_EQUAL_INT(ALL - CALIBRATION, count("patterns_to_measure"));
     TEST_ASSERT_EQUAL_INT((ALL - CALIBRATION) * EXPOSURES, count("frames_to_take"));
 }

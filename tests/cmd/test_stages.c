@@ -5,8 +5,8 @@
 #include "tests/cmd/made.h"
 #include "tests/cmd/spawn.h"
 #include "tests/cmd/stations.h"
+#include "tests/cmd/told.h"
 
-#include <jansson.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -25,32 +25,11 @@ void tearDown(void)
 {
 }
 
-/* Run to a good end, saying nothing on standard error; the standard output, heap. */
-static char *run_well(const char *const *arguments)
-{
-    struct spawned run = spawn(arguments, NULL);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(0, run.status, run.errors);
-    TEST_ASSERT_EQUAL_STRING("", run.errors);
-    char *output = strdup(run.output);
-    TEST_ASSERT_NOT_NULL(output);
-    spawned_finish(&run);
-    return output;
-}
-
-#define RUN(...) run_well((const char *const[]){nacre, __VA_ARGS__, NULL})
-
-static double number(const json_t *object, const char *group, const char *name)
-{
-    const json_t *value = json_object_get(group ? json_object_get(object, group) : object, name);
-    TEST_ASSERT_TRUE_MESSAGE(json_is_number(value), name);
-    return json_number_value(value);
-}
+#define RUN(...) told_well((const char *const[]){nacre, __VA_ARGS__, NULL})
 
 static json_t *parse(char *text)
 {
-    json_error_t error;
-    json_t *root = json_loads(text, 0, &error);
-    TEST_ASSERT_NOT_NULL_MESSAGE(root, error.text);
+    json_t *root = told_parse(text);
     free(text);
     return root;
 }
@@ -64,8 +43,8 @@ static void a_separable_material_needs_one_term(void)
     char *output = path_join(folder, "one.exr");
     json_t *result = parse(RUN("factor", scan, "-o", output, "--terms", "1", "--clusters", "1",
                                "--iterations", "200", "--json"));
-    TEST_ASSERT_DOUBLE_WITHIN(0.0175, 0, number(result, "error", "mean"));
-    TEST_ASSERT_DOUBLE_WITHIN(0, MADE_WIDTH * MADE_HEIGHT, number(result, "error", "points"));
+    TEST_ASSERT_DOUBLE_WITHIN(0.0175, 0, told_number(result, "error.mean"));
+    TEST_ASSERT_DOUBLE_WITHIN(0, MADE_WIDTH * MADE_HEIGHT, told_number(result, "error.points"));
     json_decref(result);
     free(output);
 }
@@ -80,9 +59,9 @@ static void the_file_holds_the_error_that_was_printed(void)
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, nacre_material_read(material, &read, &error),
                                   error.text);
     /* The attribute is a float: 24 bits. */
-    double mean = number(made, "error", "mean");
+    double mean = told_number(made, "error.mean");
     TEST_ASSERT_DOUBLE_WITHIN(1e-7, read.error_mean, mean);
-    TEST_ASSERT_DOUBLE_WITHIN(1e-9, mean, number(measured, "error", "mean"));
+    TEST_ASSERT_DOUBLE_WITHIN(1e-9, mean, told_number(measured, "error.mean"));
     TEST_ASSERT_EQUAL_INT(3, read.terms);
     TEST_ASSERT_EQUAL_INT(2, read.clusters);
     TEST_ASSERT_EQUAL_INT(20, read.iterations);
@@ -94,8 +73,8 @@ static void the_file_holds_the_error_that_was_printed(void)
 static void a_scan_does_not_differ_from_itself(void)
 {
     json_t *measured = parse(RUN("error", scan, scan, "--json"));
-    TEST_ASSERT_DOUBLE_WITHIN(0, 0, number(measured, NULL, "max"));
-    TEST_ASSERT_DOUBLE_WITHIN(0, MADE_WIDTH * MADE_HEIGHT, number(measured, NULL, "points"));
+    TEST_ASSERT_DOUBLE_WITHIN(0, 0, told_number(measured, "max"));
+    TEST_ASSERT_DOUBLE_WITHIN(0, MADE_WIDTH * MADE_HEIGHT, told_number(measured, "points"));
     json_decref(measured);
 }
 
@@ -107,11 +86,11 @@ static void the_error_against_the_noise_free_response_is_estimated(void)
                           "--iterations", "20", "--weight", "response", "--json")));
     json_t *measured = parse(RUN("error", scan, output, "--cross", "--json"));
     const json_t *cross = json_object_get(measured, "cross");
-    TEST_ASSERT_TRUE(number(cross, NULL, "noise") < 1e-3);
-    TEST_ASSERT_TRUE(number(cross, NULL, "pairs") > 1000);
+    TEST_ASSERT_TRUE(told_number(cross, "noise") < 1e-3);
+    TEST_ASSERT_TRUE(told_number(cross, "pairs") > 1000);
     /* Half as many entries are fitted, and the norm is another: of the same size. */
-    TEST_ASSERT_TRUE(number(cross, NULL, "error") <
-                     2 * number(measured, "error_without_centre", "mean"));
+    TEST_ASSERT_TRUE(told_number(cross, "error") <
+                     2 * told_number(measured, "error_without_centre.mean"));
     json_decref(measured);
     free(output);
 }
@@ -214,7 +193,7 @@ static void a_rendering_holds_an_error(void)
     stations_write_scene(scene, material);
     json_t *root = parse(RUN("render", scene, "-o", picture, "--error", "10%", "--json"));
     const json_t *refined = json_object_get(root, "refined");
-    double reached = number(refined, NULL, "error");
+    double reached = told_number(refined, "error");
     TEST_ASSERT_TRUE(reached > 0 && reached <= 0.1);
     TEST_ASSERT_TRUE(json_is_true(json_object_get(refined, "error_held")));
     TEST_ASSERT_TRUE(json_array_size(json_object_get(refined, "steps")) >= 1);
@@ -272,14 +251,14 @@ static void a_rendering_is_explained(void)
     const json_t *gather = explained(list, "subsurface scattering");
     TEST_ASSERT_TRUE(json_is_true(json_object_get(gather, "simulated")));
     TEST_ASSERT_EQUAL_STRING(scene, json_string_value(json_object_get(gather, "file")));
-    TEST_ASSERT_TRUE(number(gather, NULL, "line") > 1);
+    TEST_ASSERT_TRUE(told_number(gather, "line") > 1);
     /* Four times the samples take longer, but not more than as many times. */
-    double cost = number(gather, NULL, "seconds");
-    double more = number(explained(finer, "subsurface scattering"), NULL, "seconds");
+    double cost = told_number(gather, "seconds");
+    double more = told_number(explained(finer, "subsurface scattering"), "seconds");
     TEST_ASSERT_TRUE(cost > 0 && more > 1.2 * cost && more < 4.01 * cost);
     const json_t *sky = explained(list, "environment");
     TEST_ASSERT_FALSE(json_is_true(json_object_get(sky, "simulated")));
-    TEST_ASSERT_EQUAL_DOUBLE(0, number(sky, NULL, "seconds"));
+    TEST_ASSERT_EQUAL_DOUBLE(0, told_number(sky, "seconds"));
     TEST_ASSERT_EQUAL_STRING("no environment", json_string_value(json_object_get(sky, "reason")));
     char *text = RUN("render", scene, "--explain");
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(text, "simulated subsurface scattering"), text);

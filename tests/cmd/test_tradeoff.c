@@ -1,8 +1,8 @@
 /* nacre tradeoff as a user runs it: a study of a small scan, and commands of its points copied and pasted. */
 #include "tests/cmd/made.h"
 #include "tests/cmd/spawn.h"
+#include "tests/cmd/told.h"
 
-#include <jansson.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -33,7 +33,6 @@ static struct spawned study(const char *input, const char *to, const char *budge
 static double paste(const char *command)
 {
     char *line = NULL;
-    json_error_t why;
     TEST_ASSERT_EQUAL_INT(0, strncmp(command, "nacre ", 6));
     if (asprintf(&line, "cd '%s' && '%s' %s --json", folder, nacre, command + 6) < 0) {
         abort();
@@ -41,9 +40,8 @@ static double paste(const char *command)
     const char *const arguments[] = {"/bin/sh", "-c", line, NULL};
     struct spawned run = spawn(arguments, NULL);
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, run.status, run.errors);
-    json_t *root = json_loads(run.output, 0, &why);
-    TEST_ASSERT_NOT_NULL_MESSAGE(root, why.text);
-    double mean = json_number_value(json_object_get(json_object_get(root, "error"), "mean"));
+    json_t *root = told_parse(run.output);
+    double mean = told_number(root, "error.mean");
     json_decref(root);
     spawned_finish(&run);
     free(line);
@@ -55,10 +53,8 @@ static double paste(const char *command)
 static void points_can_be_repeated_by_copy_and_paste(void)
 {
     struct spawned run = study(scan, output, "8s", NULL);
-    json_error_t why;
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, run.status, run.errors);
-    json_t *root = json_loads(run.output, 0, &why);
-    TEST_ASSERT_NOT_NULL_MESSAGE(root, why.text);
+    json_t *root = told_parse(run.output);
     char *here = getcwd(NULL, 0);
     TEST_ASSERT_EQUAL_STRING(here, json_string_value(json_object_get(root, "run_in")));
     free(here);
@@ -67,12 +63,12 @@ static void points_can_be_repeated_by_copy_and_paste(void)
     size_t i = 0;
     json_array_foreach(points, i, point)
     {
-        double error = json_number_value(json_object_get(point, "error"));
-        double seconds = json_number_value(json_object_get(point, "seconds"));
-        if (!best || error < json_number_value(json_object_get(best, "error"))) {
+        double error = told_number(point, "error");
+        double seconds = told_number(point, "seconds");
+        if (!best || error < told_number(best, "error")) {
             best = point;
         }
-        if (!quickest || seconds < json_number_value(json_object_get(quickest, "seconds"))) {
+        if (!quickest || seconds < told_number(quickest, "seconds")) {
             quickest = point;
         }
         if (strstr(json_string_value(json_object_get(point, "command")), "--from")) {
@@ -85,8 +81,7 @@ static void points_can_be_repeated_by_copy_and_paste(void)
     for (i = 0; i < 3; i++) {
         if (repeated[i]) { /* a slow machine may not come to the third */
             double error = paste(json_string_value(json_object_get(repeated[i], "command")));
-            TEST_ASSERT_EQUAL_DOUBLE(json_number_value(json_object_get(repeated[i], "error")),
-                                     error);
+            TEST_ASSERT_EQUAL_DOUBLE(told_number(repeated[i], "error"), error);
         }
     }
     json_decref(root);

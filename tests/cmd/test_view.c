@@ -2,9 +2,9 @@
 #include "base/picture.h"
 #include "tests/cmd/spawn.h"
 #include "tests/cmd/stations.h"
+#include "tests/cmd/told.h"
 #include "unity.h"
 
-#include <jansson.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -46,13 +46,12 @@ static void view(const char *pattern, const char *exposure)
     spawned_finish(&ran);
     ran = spawn(arguments, NULL);
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, ran.status, ran.errors);
-    result = json_loads(ran.output, 0, NULL);
-    TEST_ASSERT_NOT_NULL_MESSAGE(result, ran.output);
+    result = told_parse(ran.output);
 }
 
 static double number(const char *key)
 {
-    return json_number_value(json_object_get(result, key));
+    return told_number(result, key);
 }
 
 static int region(const char *key)
@@ -120,7 +119,7 @@ static void region_is_known_by_calibration(void)
     spawned_finish(&ran);
     ran = spawn(look, NULL);
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, ran.status, ran.errors);
-    result = json_loads(ran.output, 0, NULL);
+    result = told_parse(ran.output);
     const json_t *corners = json_object_get(json_object_get(result, "region"), "corners");
     for (size_t i = 0; i < 4; i++) {
         x[i] = json_number_value(json_array_get(json_array_get(corners, i), 0));

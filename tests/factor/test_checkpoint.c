@@ -1,4 +1,5 @@
 /* Checkpoints: the file, and runs that go on from it as if they had never stopped. */
+#include "bench.h"
 #include "paced.h"
 #include "sample.h"
 
@@ -13,8 +14,8 @@
 enum { WIDTH = 15, HEIGHT = 12, WINDOW = 9 };
 
 static struct opencl opencl;
-static char folder[64];
-static char path[128];
+static char folder[512];
+static char path[640];
 static struct nacre_error error;
 
 void setUp(void)
@@ -203,7 +204,7 @@ static void kept_path(char *to, size_t size, int i)
 static void keep(void *data, int iteration)
 {
     struct keeping *keeping = data;
-    char to[128];
+    char to[640];
     size_t size = 0;
     if (keeping->moments[keeping->kept] == iteration) {
         char *bytes = read_all(path, &size);
@@ -239,7 +240,7 @@ static void check_resumes(const struct sample *sample, struct factor_options *op
     TEST_ASSERT_EQUAL_INT_MESSAGE(count, keeping->kept, "the run was over before");
     paced->before = NULL;
     for (int i = 0; i < count; i++) {
-        char from[128];
+        char from[640];
         kept_path(from, sizeof from, i);
         TEST_ASSERT_EQUAL_INT(0, rename(from, path));
         paced->iterations = 0;
@@ -408,14 +409,12 @@ static void a_state_that_contradicts_itself_is_refused(void)
 
 int main(void)
 {
-    const char *base = getenv("TMPDIR");
     UNITY_BEGIN();
     if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
         (void)fprintf(stderr, "SKIP: %s\n", error.text);
         return 77;
     }
-    (void)snprintf(folder, sizeof folder, "%s/nacre-test-XXXXXX", base && *base ? base : "/tmp");
-    if (!mkdtemp(folder)) {
+    if (!bench_make_folder(folder, sizeof folder)) {
         perror(folder);
         return 1;
     }

@@ -12,7 +12,7 @@
 #include <unity.h>
 
 static struct opencl opencl;
-static char folder[] = "/tmp/nacre-terms-XXXXXX";
+static char folder[512];
 
 void setUp(void)
 {
@@ -65,7 +65,7 @@ static void files_hold_planes_of_few_values(void)
     const int bits[] = {8, 6, 3};
     struct recipe recipe = {.noise = true, .slope = 0.4, .scale = 1};
     struct sample sample = recipe_make(&recipe, 20, 16, 3, 7);
-    char path[64];
+    char path[640];
     (void)snprintf(path, sizeof path, "%s/m.exr", folder);
     for (int i = 0; i < 3; i++) {
         struct factor_options options = recipe_options(3, 8);
@@ -109,7 +109,7 @@ static void expect_refused(const char *path, int what, const char *word)
     struct exr_file file;
     struct nacre_error error = {0};
     struct nacre_material m;
-    char changed[80];
+    char changed[640];
     bench_succeed(exr_file_read(path, &file, &error), &error);
     (void)snprintf(changed, sizeof changed, "%s/changed.exr", folder);
     for (size_t i = 0; i < file.parts[0].attribute_count; i++) {
@@ -160,7 +160,7 @@ static void damaged_files_are_refused(void)
     struct factor_options options = recipe_options(2, 3);
     struct factor_summary summary;
     struct nacre_error error = {0};
-    char path[64];
+    char path[640];
     (void)snprintf(path, sizeof path, "%s/m.exr", folder);
     options.reciprocity = TERMS_GAINED;
     struct nacre_material m = recipe_fit(&opencl, &sample, &options, &summary);
@@ -182,7 +182,8 @@ static void damaged_files_are_refused(void)
 int main(void)
 {
     struct nacre_error error = {0};
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK || !mkdtemp(folder)) {
+    if (opencl_open(NULL, &opencl, &error) != NACRE_OK ||
+        !bench_make_folder(folder, sizeof folder)) {
         (void)fprintf(stderr, "%s\n", error.text);
         return 1;
     }

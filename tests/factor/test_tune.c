@@ -12,15 +12,14 @@
 #include <unity.h>
 
 static struct opencl opencl; /* the name is all that remembering asks of it */
-static char folder[64], file[128];
+static char folder[512], file[640];
 
 static const struct tune_class plain = {.method = "mu", .lanes = 8};
 static const struct tune_result two[] = {{{2, 4, 2}, 0.5}, {{3, 1, 64}, 1e-9}};
 
 void setUp(void)
 {
-    (void)snprintf(folder, sizeof folder, "/tmp/nacre-tune-XXXXXX");
-    TEST_ASSERT_NOT_NULL(mkdtemp(folder));
+    TEST_ASSERT_TRUE(bench_make_folder(folder, sizeof folder));
     (void)snprintf(file, sizeof file, "%s/nacre/tiles.tsv", folder);
     TEST_ASSERT_EQUAL_INT(0, unsetenv("CACHE_DIRECTORY"));
     TEST_ASSERT_EQUAL_INT(0, setenv("XDG_CACHE_HOME", folder, 1));
@@ -29,7 +28,7 @@ void setUp(void)
 
 void tearDown(void)
 {
-    char path[160];
+    char path[640];
     (void)unlink(file);
     (void)snprintf(path, sizeof path, "%s/tiles.tsv", folder);
     (void)unlink(path);
@@ -92,7 +91,7 @@ static void expect_path(const char *expected)
 
 static void the_folder_is_the_services_or_the_users(void)
 {
-    char path[128];
+    char path[640];
     (void)snprintf(path, sizeof path, "%s:/elsewhere", folder);
     TEST_ASSERT_EQUAL_INT(0, setenv("CACHE_DIRECTORY", path, 1));
     (void)snprintf(path, sizeof path, "%s/tiles.tsv", folder);

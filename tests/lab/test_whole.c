@@ -6,6 +6,7 @@
 #include "screen.h"
 #include "tests/cmd/frames.h"
 #include "tests/cmd/spawn.h"
+#include "tests/cmd/told.h"
 #include "unity.h"
 
 #include <fcntl.h>
@@ -244,17 +245,6 @@ static void outcome_finish(struct outcome *outcome)
     free(outcome->errors);
 }
 
-static int number_of(const char *json, const char *group, const char *key)
-{
-    json_t *values = json_loads(json, 0, NULL);
-    TEST_ASSERT_NOT_NULL_MESSAGE(values, json);
-    json_t *value = json_object_get(group ? json_object_get(values, group) : values, key);
-    TEST_ASSERT_NOT_NULL_MESSAGE(value, key);
-    int number = (int)json_integer_value(value);
-    json_decref(values);
-    return number;
-}
-
 /* The session's frames are those of the virtual scan bit for bit, and so is what is developed from them. */
 static void expect_same_as_virtual(const char *session)
 {
@@ -279,13 +269,13 @@ static void expect_same_as_virtual(const char *session)
  * can be too busy for it. */
 static void expect_retakes(const struct outcome *outcome, int late, int early, int lost, int gap)
 {
-    int slow = number_of(outcome->output, "retaken", "late") - late;
+    int slow = told_count(outcome->output, "retaken.late") - late;
     TEST_ASSERT_TRUE_MESSAGE(slow >= 0 && slow <= 2, outcome->output);
-    TEST_ASSERT_EQUAL_INT(early, number_of(outcome->output, "retaken", "early"));
-    TEST_ASSERT_EQUAL_INT(lost, number_of(outcome->output, "retaken", "lost"));
-    TEST_ASSERT_EQUAL_INT(gap, number_of(outcome->output, "retaken", "gap"));
+    TEST_ASSERT_EQUAL_INT(early, told_count(outcome->output, "retaken.early"));
+    TEST_ASSERT_EQUAL_INT(lost, told_count(outcome->output, "retaken.lost"));
+    TEST_ASSERT_EQUAL_INT(gap, told_count(outcome->output, "retaken.gap"));
     TEST_ASSERT_EQUAL_INT_MESSAGE(late + early + lost + gap + slow,
-                                  number_of(outcome->output, NULL, "retries"), outcome->output);
+                                  told_count(outcome->output, "retries"), outcome->output);
 }
 
 static void camera_sees_what_the_projector_shows(void)
@@ -294,7 +284,7 @@ static void camera_sees_what_the_projector_shows(void)
     struct outcome outcome = scan(session, "3", (struct event){0, NULL});
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, outcome.status, outcome.errors);
     expect_retakes(&outcome, 0, 0, 0, 0);
-    TEST_ASSERT_EQUAL_INT(EXPOSURES, number_of(outcome.output, NULL, "frames"));
+    TEST_ASSERT_EQUAL_INT(EXPOSURES, told_count(outcome.output, "frames"));
     TEST_ASSERT_EQUAL_INT(2, outcome.asked);
     expect_same_as_virtual(session);
     printf("whole scan: %d patterns, %d pulses, %.1f s of the guest\n", PATTERNS, feeder.pulses,
@@ -322,7 +312,7 @@ static void frames_that_go_wrong_are_taken_again(void)
     TEST_ASSERT_EQUAL_INT(9, feeder.injected);
     TEST_ASSERT_EQUAL_INT_MESSAGE(3, outcome.asked, outcome.errors);
     expect_retakes(&outcome, 2, 2, 3, 2);
-    TEST_ASSERT_EQUAL_INT(EXPOSURES, number_of(outcome.output, NULL, "frames"));
+    TEST_ASSERT_EQUAL_INT(EXPOSURES, told_count(outcome.output, "frames"));
     expect_same_as_virtual(session);
     printf("9 faults injected and their frames taken again, a forgotten layer asked for again, "
            "%.1f s of the "
@@ -441,8 +431,8 @@ static void scan_whose_devices_are_unplugged_is_resumed(void)
     guest_write(screen.status, "on");
     struct outcome outcome = scan(session, "3", (struct event){0, NULL});
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, outcome.status, outcome.errors);
-    TEST_ASSERT_EQUAL_INT(kept, number_of(outcome.output, NULL, "measured_before"));
-    TEST_ASSERT_EQUAL_INT(PATTERNS - kept, number_of(outcome.output, NULL, "patterns"));
+    TEST_ASSERT_EQUAL_INT(kept, told_count(outcome.output, "measured_before"));
+    TEST_ASSERT_EQUAL_INT(PATTERNS - kept, told_count(outcome.output, "patterns"));
     expect_same_as_virtual(session);
     outcome_finish(&outcome);
     free(session);
