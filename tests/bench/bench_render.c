@@ -345,10 +345,12 @@ static void make_reference(struct bench *bench, double density)
 
 int main(int argc, char **argv)
 {
-    static const struct amount amounts[] = {{.density = 1, .rays = 8, .photons = 1000000},
-                                            {.density = 1, .rays = 8},
-                                            {.density = 4, .rays = 8},
-                                            {.density = 16, .rays = 8}};
+    static const struct amount amounts[] = {
+        {.density = 1, .rays = 8, .photons = 1000000},
+        {.density = 1, .rays = 8},
+        {.density = 4, .rays = 8},
+        {.density = 12, .rays = 8}, /* what is rendered with by default */
+        {.density = 16, .rays = 8}};
     struct bench bench = {0};
     double fine = argc > 1 ? strtod(argv[1], NULL) : 16;
     int failures = 0;
