@@ -128,16 +128,24 @@ int closing_make(const struct factor_options *o, double pitch_mm, const struct a
     return status;
 }
 
-/* The error of a few points with planes as they will be in the file. */
+/* A copy of the factors with planes as they will be in the file, to be finished whatever is returned. */
+static int round_copy(const struct attempt *a, int bits, struct factors *copy,
+                      struct nacre_error *error)
+{
+    int status = factors_allocate(copy, &a->problem, error);
+    if (status == NACRE_OK) {
+        factors_copy(copy, &a->factors);
+        status = terms_material_round(&a->problem, bits, copy, error);
+    }
+    return status;
+}
+
+/* The error of a few points with them. */
 static int measure_rounded(const struct probe *probe, const struct attempt *a, int bits,
                            double *rounded, struct nacre_error *error)
 {
     struct factors copy;
-    int status = factors_allocate(&copy, &a->problem, error);
-    if (status == NACRE_OK) {
-        factors_copy(&copy, &a->factors);
-        status = terms_material_round(&a->problem, bits, &copy, error);
-    }
+    int status = round_copy(a, bits, &copy, error);
     if (status == NACRE_OK) {
         *rounded = probe_measure(probe, &a->problem, &copy);
     }
@@ -186,7 +194,18 @@ int closing_rehearse(const struct factor_options *o, const struct attempt *attem
     return status;
 }
 
+int closing_rehearse_rounding(const struct attempt *attempt, struct nacre_error *error)
+{
+    struct factors copy;
+    int status =
+        attempt->problem.data ? round_copy(attempt, FACTOR_BITS_LEAST, &copy, error) : NACRE_OK;
+    if (attempt->problem.data) {
+        factors_finish(&copy);
+    }
+    return status;
+}
+
 double closing_write_seconds(double bytes)
 {
-    return 0.2 + bytes / 40e6;
+    return 0.35 + bytes / 40e6;
 }

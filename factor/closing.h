@@ -26,7 +26,10 @@ int closing_choose_bits(const struct probe *probe, const struct attempt *attempt
 int closing_rehearse(const struct factor_options *options, const struct attempt *attempt,
                      double *share, struct nacre_error *error);
 
-/* Seconds that writing so many bytes and ending the program take, taking the disk for a slow one. */
+/* Round planes with a kernel each as closing_make will, and forget the result; nothing where there are none. */
+int closing_rehearse_rounding(const struct attempt *attempt, struct nacre_error *error);
+
+/* Seconds that starting and ending the program and writing so many bytes take, taking the disk for a slow one. */
 double closing_write_seconds(double bytes);
 
 #endif

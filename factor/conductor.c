@@ -105,6 +105,11 @@ static int predict_closing(struct conductor *c, struct nacre_error *error)
     }
     int status = closing_rehearse(c->options, a, &share, error);
     double whole = (conductor_seconds(c) - begun) / share;
+    if (status == NACRE_OK) {
+        begun = conductor_seconds(c);
+        status = closing_rehearse_rounding(a, error);
+        whole += conductor_seconds(c) - begun;
+    }
     c->closing_pace = fmax(c->closing_pace, whole / closing_cost(p->terms));
     a->closing_seconds = CLOSING_CAUTION * c->closing_pace * closing_cost(p->terms) +
                          closing_write_seconds(search_bytes(&c->search, p->terms, p->clusters));
