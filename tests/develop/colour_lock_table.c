@@ -227,7 +227,7 @@ static void print_and_draw(void)
         off_ns[i] = i % 40 == 7 ? 5000000 : 500000 + i % 14 * 100000;
     }
     colour_lock_free(off_ns, PULSES, 1, &trigger);
-    scan(&rows[5], "GPIO of the emulated guest", &trigger, &truth);
+    scan(&rows[5], "GPIO of an overloaded machine", &trigger, &truth);
     TEST_ASSERT_TRUE(draw(picture, (const struct row *const[]){&rows[5], &rows[1]}, &truth));
 }
 

@@ -14,8 +14,8 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-/* The guest's timer and its emulated processor are late by milliseconds when the host is busy; here pulses are only
- * measured against what the other side of the line saw. */
+/* The guest's timer can be late by milliseconds when the host is busy; here pulses are only measured against what the
+ * other side of the line saw. */
 enum { JITTER_NS = 100000000, MS = 1000000 };
 
 static const char *const names[] = {"shutter", "wheel", NULL};

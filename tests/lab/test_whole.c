@@ -32,7 +32,7 @@ static pid_t child; /* that scans; 0: none does */
 static int
     forgets; /* the question after which the person says that it is done, and it is not; 0: none */
 
-/* 50 and 200 ms: the emulated machine's pulses may be some tens of milliseconds too long. */
+/* 50 and 200 ms: the emulated machine's pulses may be some milliseconds too long. */
 static const char plan_text[] =
     "{seed: 5, black_frames: 2, white_frames: 1, dot_spacing: 4, dot_shift: 2, dot_size: 1,\n"
     " grid_spacing: 4, window: 3, exposure_turns: [1, 4]}\n";
@@ -265,8 +265,8 @@ static void expect_same_as_virtual(const char *session)
     free(scan_path);
 }
 
-/* Frames were taken again by these causes, and at most two that were late in earnest, as the host of an emulated machine
- * can be too busy for it. */
+/* Frames were taken again by these causes, and at most two that were late in earnest, as the guest's clock is the host's
+ * while it waits. */
 static void expect_retakes(const struct outcome *outcome, int late, int early, int lost, int gap)
 {
     int slow = told_count(outcome->output, "retaken.late") - late;
