@@ -3,6 +3,7 @@
 #include "cmd/json_print.h"
 #include "cmd/verbs.h"
 #include "factor/factorize.h"
+#include "factor/words.h"
 
 #include "nacre/whole_file.h"
 
@@ -320,15 +321,11 @@ static void print_text(const struct nacre_material *m, const struct factor_summa
                        const struct opencl *opencl, const char *path)
 {
     bool clustered = m->layout != NACRE_KERNEL_PER_TERM;
-    char clusters[32] = "";
-    if (clustered) {
-        (void)snprintf(clusters, sizeof clusters, ", %d clusters", m->clusters);
-    }
     if (chose(s)) {
         print_tries(s, clustered);
     }
-    printf("%-26s %s on %s: %d terms%s, %d iterations\n", "method", m->method, opencl->name,
-           m->terms, clusters, m->iterations);
+    printf("%-26s %s on %s: %s, %d iterations\n", "method", m->method, opencl->name,
+           size_words(m->terms, m->clusters).text, m->iterations);
     printf("%-26s %s\n", "stopped by", s->stopped_by);
     printf("%-26s %.2f s (reading %.2f s, %s %.2f s, iterating %.2f s, measuring %.2f s)\n", "time",
            s->seconds_reading + s->seconds_clustering + s->seconds_iterating + s->seconds_measuring,
@@ -515,16 +512,13 @@ static int judge(int stopped, const struct nacre_material *m, const struct facto
         return NACRE_CANCELLED;
     }
     if (!summary->error_held) {
-        char clusters[32] = "";
-        if (m->clusters > 0) {
-            (void)snprintf(clusters, sizeof clusters, " and %d clusters", m->clusters);
-        }
         return nacre_fail(error,
-                          "could not reach a mean error of %.4g %%%s: the best was %.4g %% with %d "
-                          "terms%s, which %s holds",
+                          "could not reach a mean error of %.4g %%%s: the best was %.4g %% with %s, "
+                          "which %s holds",
                           100 * s->error,
                           strcmp(summary->stopped_by, "time") == 0 ? " in the time given" : "",
-                          100 * summary->error.whole.mean, m->terms, clusters, s->output);
+                          100 * summary->error.whole.mean, size_words(m->terms, m->clusters).text,
+                          s->output);
     }
     return NACRE_OK;
 }

@@ -290,8 +290,8 @@ static void tell_try(const struct conductor *c)
     const struct search_try *try = &c->search.tries[c->search.count - 1];
     tell(
         &c->options->listener, "tried",
-        "%d terms, %d clusters, %d iterations: mean error %.3g %%%s, %.3g MiB, %.2g s; ended by %s",
-        try->terms, try->clusters, try->iterations, 100 * try->error,
+        "%s, %d iterations: mean error %.3g %%%s, %.3g MiB, %.2g s; ended by %s",
+        conductor_size(c, try->terms, try->clusters).text, try->iterations, 100 * try->error,
         try->verified ? " as stored" : "", try->bytes * 0x1p-20, try->seconds, try->ended);
 }
 
@@ -323,9 +323,8 @@ static int refuse_time(const struct conductor *c, struct nacre_error *error)
     return nacre_fail(
         error,
         "%.3g s are too few: reading, clusters and kernels took %.3g s, and measuring "
-        "and writing a material of %d terms and %d clusters takes about %.2g s; ask "
-        "for %.2g s or more",
-        c->options->seconds, spent, p->terms, p->clusters, closing, 1.5 * (spent + closing));
+        "and writing a material of %s takes about %.2g s; ask for %.2g s or more",
+        c->options->seconds, spent, conductor_size(c, p->terms, p->clusters).text, closing, 1.5 * (spent + closing));
 }
 
 /* Whether the material may hold the error although the few points do not: they are a tenth off at times. */

@@ -8,6 +8,7 @@
 #include "factor/probe.h"
 #include "factor/quality.h"
 #include "factor/search.h"
+#include "factor/words.h"
 
 /* Why an attempt ended. */
 enum ending {
@@ -71,6 +72,12 @@ static inline bool conductor_wants_error(const struct conductor *c)
 static inline bool conductor_has_deadline(const struct conductor *c)
 {
     return c->options->seconds > 0;
+}
+
+/* Settings in words: a kernel per term has no clusters. */
+static inline struct size_words conductor_size(const struct conductor *c, int terms, int clusters)
+{
+    return size_words(terms, c->options->model == FACTOR_MODEL_CLUSTERS ? clusters : 0);
 }
 
 /* Whether settings of so many terms and clusters can be opened and iterated a little in time. */

@@ -210,11 +210,8 @@ static int show(struct conductor *c, struct nacre_error *error)
     if (a->known > a->inherited) {
         (void)snprintf(objective, sizeof objective, "objective %.4g, ", a->objective);
     }
-    (void)snprintf(detail, sizeof detail, "%s%s%d terms", mean, objective, a->problem.terms);
-    if (c->options->model == FACTOR_MODEL_CLUSTERS) {
-        size_t used = strlen(detail);
-        (void)snprintf(detail + used, sizeof detail - used, ", %d clusters", a->problem.clusters);
-    }
+    (void)snprintf(detail, sizeof detail, "%s%s%s", mean, objective,
+                   conductor_size(c, a->problem.terms, a->problem.clusters).text);
     return progress_step(c->progress, elapsed, elapsed + seconds_left(c), detail, error);
 }
 
@@ -249,15 +246,12 @@ static void tell_pace(const struct conductor *c)
     if (attempt_iterations(a) != 3) {
         return;
     }
-    char all[64] = "", clusters[32] = "";
-    if (c->options->model == FACTOR_MODEL_CLUSTERS) {
-        (void)snprintf(clusters, sizeof clusters, " and %d clusters", a->problem.clusters);
-    }
+    char all[64] = "";
     if (limit < INT_MAX) {
         (void)snprintf(all, sizeof all, "; %d would take %.3g s", limit, limit * a->step_seconds);
     }
-    tell(&c->options->listener, "pace", "%.3g s an iteration with %d terms%s%s", a->step_seconds,
-         a->problem.terms, clusters, all);
+    tell(&c->options->listener, "pace", "%.3g s an iteration with %s%s", a->step_seconds,
+         conductor_size(c, a->problem.terms, a->problem.clusters).text, all);
     if (c->probe_seconds > 0) {
         tell(&c->options->listener, "pace", "%.2g s to look at the error of %zu points%s",
              c->probe_seconds, c->probe.count,

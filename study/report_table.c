@@ -1,6 +1,8 @@
 /* The report's numbers: the row of the paper's Table 1, how the material was made, and further pictures. */
 #include "study/report_parts.h"
 
+#include "factor/words.h"
+
 #include <sys/stat.h>
 
 double report_file_bytes(const struct report *report)
@@ -63,7 +65,7 @@ static void write_row(const struct report *report)
     write_size(page, before);
     (void)fputs("</td><td>", page);
     write_size(page, after);
-    (void)fprintf(page, "</td><td>1/%.0f</td><td>", before / after);
+    (void)fprintf(page, "</td><td>%s</td><td>", ratio_words(before, after).text);
     write_range(page, &report->errors.whole);
     (void)fputs("</td></tr>\n</table></div>\n", page);
 }

@@ -1,6 +1,7 @@
 /* The page of a study. */
 #include "study/tradeoff_page.h"
 
+#include "factor/words.h"
 #include "study/page.h"
 #include "study/palette.h"
 #include "study/plot.h"
@@ -268,9 +269,9 @@ static int write_row(FILE *page, const struct tradeoff *t, const struct tradeoff
     (void)fprintf(page,
                   "<tr><td rowspan=\"2\">%d</td><td>%.3f %%</td><td>%.2f "
                   "%%</td><td>%.3g</td><td>%.4g KiB</td>"
-                  "<td>1/%.0f</td><td>%s</td><td>%d</td><td>",
+                  "<td>%s</td><td>%s</td><td>%d</td><td>",
                   number, 100 * p->error, 100 * p->error_without_centre, p->seconds,
-                  p->bytes / 1024, t->measured_bytes / p->bytes,
+                  p->bytes / 1024, ratio_words(t->measured_bytes, p->bytes).text,
                   p->quickest && p->smallest ? "both"
                   : p->quickest              ? "seconds"
                                              : "bytes",

@@ -8,11 +8,14 @@
 #include "tests/factor/sample.h"
 #include "tests/nacre/scratch.h"
 
+#include <fcntl.h>
 #include <jansson.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/file.h>
 #include <sys/stat.h>
+#include <sys/wait.h>
 #include <unistd.h>
 #include <unity.h>
 
@@ -564,6 +567,43 @@ static void all_files_appear_or_none(void)
     free((char *)request.folder);
 }
 
+/* While another study takes its files' places in the folder, as one that holds the lock does, none of ours appears. */
+static void two_studies_take_turns_in_a_folder(void)
+{
+    struct nacre_error error = {0};
+    struct tradeoff_request request = {
+        .scan = "s.exr", .folder = strdup(scratch_path("turns")), .budget = 10};
+    struct stat status;
+    int began[2];
+    int ended = -1;
+    char byte = 0;
+    plan_to_the_end(100);
+    TEST_ASSERT_EQUAL_INT(NACRE_OK, tradeoff_prepare_folder(request.folder, &error));
+    int folder = open(request.folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    TEST_ASSERT_EQUAL_INT(0, flock(folder, LOCK_EX));
+    TEST_ASSERT_EQUAL_INT(0, pipe(began));
+    pid_t other = fork();
+    TEST_ASSERT_TRUE(other >= 0);
+    if (other == 0) {
+        (void)!write(began[1], "b", 1);
+        _exit(tradeoff_write(&study, &request, &error) == NACRE_OK ? 0 : 1);
+    }
+    TEST_ASSERT_EQUAL_INT(1, read(began[0], &byte, 1));
+    (void)usleep(300000); /* many times what writing takes */
+    bool early = stat(scratch_path("turns/tradeoff.csv"), &status) == 0;
+    TEST_ASSERT_EQUAL_INT(0, flock(folder, LOCK_UN));
+    TEST_ASSERT_EQUAL_INT(other, waitpid(other, &ended, 0));
+    TEST_ASSERT_FALSE(early);
+    TEST_ASSERT_TRUE(WIFEXITED(ended) && WEXITSTATUS(ended) == 0);
+    TEST_ASSERT_EQUAL_INT(0, stat(scratch_path("turns/tradeoff.csv"), &status));
+    TEST_ASSERT_EQUAL_INT(0, stat(scratch_path("turns/tradeoff.json"), &status));
+    TEST_ASSERT_EQUAL_INT(0, stat(scratch_path("turns/tradeoff.html"), &status));
+    (void)close(began[0]);
+    (void)close(began[1]);
+    (void)close(folder);
+    free((char *)request.folder);
+}
+
 int main(void)
 {
     struct nacre_error error = {0};
@@ -591,6 +631,7 @@ int main(void)
     RUN_TEST(the_files_say_the_same);
     RUN_TEST(a_folder_that_cannot_be_written_is_refused);
     RUN_TEST(all_files_appear_or_none);
+    RUN_TEST(two_studies_take_turns_in_a_folder);
     opencl_close(&opencl);
     return UNITY_END();
 }
