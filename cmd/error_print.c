@@ -30,8 +30,8 @@ void error_print(const struct error_report *report, const struct nacre_material 
     print_range("  without the centre", &report->without_centre);
     printf("%-26s %zu of %zu; %zu not measured, %zu measured as 0\n", "surface points",
            report->whole.points, report->points, report->not_measured, report->dark);
-    printf("%-26s %.3f MiB as responses, %.3f MiB factored: ratio %s\n", "size",
-           before * 0x1p-20, after * 0x1p-20, ratio_words(before, after).text);
+    printf("%-26s %.3f MiB as responses, %.3f MiB factored: ratio %s\n", "size", before * 0x1p-20,
+           after * 0x1p-20, ratio_words(before, after).text);
     printf("%-26s %.3f MiB\n", "  file", file_size(path) * 0x1p-20);
 }
 

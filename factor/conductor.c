@@ -288,11 +288,10 @@ static int take_stock(struct conductor *c, struct nacre_error *error)
 static void tell_try(const struct conductor *c)
 {
     const struct search_try *try = &c->search.tries[c->search.count - 1];
-    tell(
-        &c->options->listener, "tried",
-        "%s, %d iterations: mean error %.3g %%%s, %.3g MiB, %.2g s; ended by %s",
-        conductor_size(c, try->terms, try->clusters).text, try->iterations, 100 * try->error,
-        try->verified ? " as stored" : "", try->bytes * 0x1p-20, try->seconds, try->ended);
+    tell(&c->options->listener, "tried",
+         "%s, %d iterations: mean error %.3g %%%s, %.3g MiB, %.2g s; ended by %s",
+         conductor_size(c, try->terms, try->clusters).text, try->iterations, 100 * try->error,
+         try->verified ? " as stored" : "", try->bytes * 0x1p-20, try->seconds, try->ended);
 }
 
 /* End the attempt: note it, keep it if it is the best. */
@@ -324,7 +323,8 @@ static int refuse_time(const struct conductor *c, struct nacre_error *error)
         error,
         "%.3g s are too few: reading, clusters and kernels took %.3g s, and measuring "
         "and writing a material of %s takes about %.2g s; ask for %.2g s or more",
-        c->options->seconds, spent, conductor_size(c, p->terms, p->clusters).text, closing, 1.5 * (spent + closing));
+        c->options->seconds, spent, conductor_size(c, p->terms, p->clusters).text, closing,
+        1.5 * (spent + closing));
 }
 
 /* Whether the material may hold the error although the few points do not: they are a tenth off at times. */

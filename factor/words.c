@@ -13,7 +13,8 @@ struct size_words size_words(int terms, int clusters)
     if (clusters > 0) {
         (void)snprintf(more, sizeof more, ", %d cluster%s", clusters, clusters == 1 ? "" : "s");
     }
-    (void)snprintf(words.text, sizeof words.text, "%d term%s%s", terms, terms == 1 ? "" : "s", more);
+    (void)snprintf(words.text, sizeof words.text, "%d term%s%s", terms, terms == 1 ? "" : "s",
+                   more);
     return words;
 }
 
