@@ -166,7 +166,7 @@ static void page_tells_the_error_and_the_row_of_table_1(void)
     expect_contains(page, "<b>20.00 %</b><span>mean relative error</span>");
     expect_contains(page, "<b>1 / 4</b>");
     expect_contains(page, "<td>m.exr</td><td>0.275 × 0.225</td><td>11 × 9</td><td>5 × 5</td>"
-                          "<td>3</td><td>4</td><td>29 KiB</td><td>8.23 KiB</td><td>1/4</td>"
+                          "<td>3</td><td>4</td><td>29 KiB</td><td>8.23 KiB</td><td>1/3.5</td>"
                           "<td>0.200 / 0.200 / 0.200</td>");
     expect_contains(page, "min / avg / max</th><td>0.200 / 0.200 / 0.200</td>");
     expect_contains(page, "<td>0.04; without the centre 0.04</td>");
