@@ -75,8 +75,8 @@ static int print_result(const struct tradeoff *t, const struct tradeoff_request 
         status = print_front(t, request, TRADEOFF_BYTES, error);
     }
     if (status == NACRE_OK) {
-        printf("\n%d factorizations, %d points; the page is %s/tradeoff.html\n", t->run_count,
-               t->point_count, request->folder);
+        printf("\n%d factorization%s, %d points; the page is %s/tradeoff.html\n", t->run_count,
+               t->run_count == 1 ? "" : "s", t->point_count, request->folder);
     }
     return status;
 }
@@ -130,8 +130,8 @@ static int tradeoff_verb(const void *settings, const struct invocation *invocati
     }
     if (status == NACRE_OK && stopped == NACRE_CANCELLED) {
         (void)nacre_fail(error,
-                         "stopped on request after %d factorizations; %s holds what they gave",
-                         tradeoff.run_count, s->output);
+                         "stopped on request after %d factorization%s; %s holds what was found",
+                         tradeoff.run_count, tradeoff.run_count == 1 ? "" : "s", s->output);
         status = NACRE_CANCELLED;
     }
     tradeoff_finish(&tradeoff);

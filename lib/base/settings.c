@@ -69,7 +69,7 @@ static int fail_from_parser(const struct settings_source *source, const yaml_par
         return nacre_fail_memory(error, source->name);
     }
     if (parser->error == YAML_READER_ERROR) {
-        return nacre_fail(error, "%s: no YAML text at byte %zu: %s", source->name,
+        return nacre_fail(error, "%s: not a YAML file: byte %zu: %s", source->name,
                           parser->problem_offset, problem);
     }
     return settings_fail_at(source, parser->problem_mark, error, "%s%s%s",

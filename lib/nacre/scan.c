@@ -170,7 +170,7 @@ static int read_layout(struct nacre_scan *scan, struct nacre_error *error)
     exr_tile_round_mode_t rounding = EXR_TILE_ROUND_LAST_TYPE;
     int parts = 0;
     if (exr_get_count(context, &parts) != EXR_ERR_SUCCESS || parts != 1) {
-        return refuse(scan, error, "it has several parts");
+        return refuse(scan, error, "it has several parts, as a material has; a scan has one");
     }
     if (exr_get_storage(context, 0, &storage) != EXR_ERR_SUCCESS || storage != EXR_STORAGE_TILED) {
         return refuse(scan, error, "it has no tiles; a scan keeps each response in one tile");

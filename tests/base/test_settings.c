@@ -413,7 +413,7 @@ static void text_that_is_no_yaml_is_refused_with_its_place(void)
                                  "ELF\0\1\2";
     TEST_ASSERT_EQUAL_INT(NACRE_FAILED, settings_parse("s.yaml", "/", binary, sizeof binary,
                                                        &sample_schema, &sample, &error));
-    TEST_ASSERT_EQUAL_STRING_LEN("s.yaml: no YAML text at byte ", error.text, 29);
+    TEST_ASSERT_EQUAL_STRING_LEN("s.yaml: not a YAML file: byte ", error.text, 30);
 }
 
 static void deep_nesting_is_refused(void)
