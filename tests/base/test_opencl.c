@@ -1,5 +1,6 @@
 /* Tests of choosing an OpenCL device and of building and running embedded kernels. */
 #include "base/opencl_programs.h"
+#include "tests/files.h"
 #include "unity.h"
 
 #include <ctype.h>
@@ -15,22 +16,18 @@ extern const struct opencl_source sum_cl;
 
 enum { COUNT = 1031 }; /* a prime, so no multiple of a work group */
 
-static char folder[PATH_MAX];
+static char *folder;
 
 void setUp(void)
 {
-    const char *parent = getenv("TMPDIR");
-    (void)snprintf(folder, sizeof folder, "%s/nacre-opencl-XXXXXX", parent ? parent : "/tmp");
-    TEST_ASSERT_NOT_NULL(mkdtemp(folder));
+    folder = folder_make();
     TEST_ASSERT_EQUAL_INT(0, unsetenv("NACRE_CL_DIR"));
     TEST_ASSERT_EQUAL_INT(0, unsetenv("NACRE_DEVICE"));
 }
 
 void tearDown(void)
 {
-    char command[PATH_MAX + 16];
-    (void)snprintf(command, sizeof command, "rm -rf '%s'", folder);
-    TEST_ASSERT_EQUAL_INT(0, system(command)); /* NOLINT(cert-env33-c): of a name made above */
+    folder_remove(folder);
 }
 
 static void open_device(const char *selector, struct opencl *opencl)
@@ -273,12 +270,9 @@ static void a_kernel_that_does_not_compile_is_reported_with_file_and_line(void)
 
 static void write_override(const char *text)
 {
-    char path[PATH_MAX + 16];
-    (void)snprintf(path, sizeof path, "%s/sum.cl", folder);
-    FILE *file = fopen(path, "we");
-    TEST_ASSERT_NOT_NULL(file);
-    TEST_ASSERT_TRUE(fputs(text, file) >= 0);
-    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    char *path = path_join(folder, "sum.cl");
+    text_write(path, text);
+    free(path);
     TEST_ASSERT_EQUAL_INT(0, setenv("NACRE_CL_DIR", folder, 1));
 }
 

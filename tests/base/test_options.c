@@ -2,6 +2,7 @@
 #include "base/options.h"
 #include "base/options_table.h"
 #include "base/progress.h"
+#include "tests/files.h"
 #include "unity.h"
 
 #include <fcntl.h>
@@ -443,13 +444,9 @@ static void a_verb_that_succeeds_exits_with_0_and_prints_on_stdout(void)
 /* By any of its names; a file that is not there yet and one that is nobody's are written. */
 static void an_output_over_an_argument_is_refused_before_the_verb_runs(void)
 {
-    char folder[] = "/tmp/nacre-options-XXXXXX", name[64], link_name[64], other[64];
-    TEST_ASSERT_NOT_NULL(mkdtemp(folder));
-    (void)snprintf(name, sizeof name, "%s/do", folder);
-    (void)snprintf(link_name, sizeof link_name, "%s/link", folder);
-    (void)snprintf(other, sizeof other, "%s/other", folder);
-    FILE *file = fopen(name, "we");
-    TEST_ASSERT_TRUE(file && fclose(file) == 0);
+    char *folder = folder_make(), *name = path_join(folder, "do");
+    char *link_name = path_join(folder, "link"), *other = path_join(folder, "other");
+    text_write(name, "");
     TEST_ASSERT_EQUAL_INT(0, symlink(name, link_name));
     struct outcome outcome = RUN("factor", name, "-o", link_name);
     TEST_ASSERT_EQUAL_INT(2, outcome.status);
@@ -458,11 +455,14 @@ static void an_output_over_an_argument_is_refused_before_the_verb_runs(void)
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(outcome.err, link_name), outcome.err);
     outcome = RUN("factor", name, "-o", other);
     TEST_ASSERT_NULL_MESSAGE(strstr(outcome.err, "overwritten"), outcome.err);
-    file = fopen(other, "we");
-    TEST_ASSERT_TRUE(file && fclose(file) == 0);
+    text_write(other, "");
     outcome = RUN("factor", name, "-o", other);
     TEST_ASSERT_NULL_MESSAGE(strstr(outcome.err, "overwritten"), outcome.err);
     TEST_ASSERT_EQUAL_INT(0, unlink(name) | unlink(link_name) | unlink(other) | rmdir(folder));
+    free(name);
+    free(link_name);
+    free(other);
+    free(folder);
 }
 
 static void a_verb_that_fails_exits_with_1_and_one_message(void)
@@ -541,19 +541,16 @@ static void results_that_cannot_be_written_are_a_failure(void)
 
 static void a_closed_stdout_does_not_let_results_into_an_output_file(void)
 {
-    char folder[] = "/tmp/nacre-options-XXXXXX", path[64], text[8];
-    TEST_ASSERT_NOT_NULL(mkdtemp(folder));
-    (void)snprintf(path, sizeof path, "%s/out", folder);
+    char *folder = folder_make(), *path = path_join(folder, "out");
+    size_t size = 99;
     struct outcome outcome = RUN_TO("", "factor", "open", "-o", path);
-    FILE *file = fopen(path, "re");
-    size_t size = file ? fread(text, 1, sizeof text, file) : 99;
-    if (file) {
-        (void)fclose(file);
-    }
-    (void)unlink(path);
-    (void)rmdir(folder);
+    uint8_t *bytes = file_read(path, &size);
+    TEST_ASSERT_NOT_NULL(bytes);
     TEST_ASSERT_EQUAL_UINT(0, size);
     TEST_ASSERT_EQUAL_INT(1, outcome.status);
+    free(bytes);
+    free(path);
+    folder_remove(folder);
 }
 
 static void version_and_help_print_on_stdout_and_exit_with_0(void)

@@ -1,6 +1,7 @@
 /* Tests of pictures in memory, as EXR and as PNG. */
 #include "base/picture.h"
 #include "nacre/exr_file.h"
+#include "tests/files.h"
 #include "unity.h"
 
 #include <limits.h>
@@ -11,23 +12,18 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
-static char folder[PATH_MAX];
+static char *folder;
 static char path[PATH_MAX + 32];
 
 void setUp(void)
 {
-    const char *parent = getenv("TMPDIR");
-    (void)snprintf(folder, sizeof folder, "%s/nacre-picture-XXXXXX", parent ? parent : "/tmp");
-    TEST_ASSERT_NOT_NULL(mkdtemp(folder));
+    folder = folder_make();
 }
 
 void tearDown(void)
 {
-    char command[PATH_MAX + 16];
-    (void)snprintf(command, sizeof command, "rm -rf '%s'", folder);
-    TEST_ASSERT_EQUAL_INT(0, system(command)); /* NOLINT(cert-env33-c): of a name made above */
+    folder_remove(folder);
 }
 
 static const char *name(const char *leaf)

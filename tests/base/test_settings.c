@@ -1,6 +1,7 @@
 /* Tests of reading and writing YAML settings by a schema. */
 #include "base/number.h"
 #include "base/settings.h"
+#include "tests/files.h"
 #include "unity.h"
 
 #include <limits.h>
@@ -11,21 +12,17 @@
 #include <sys/stat.h>
 #include <unistd.h>
 
-static char folder[PATH_MAX];
+static char *folder;
 
 /* Every test has an empty folder. */
 void setUp(void)
 {
-    const char *parent = getenv("TMPDIR");
-    (void)snprintf(folder, sizeof folder, "%s/nacre-settings-XXXXXX", parent ? parent : "/tmp");
-    TEST_ASSERT_NOT_NULL(mkdtemp(folder));
+    folder = folder_make();
 }
 
 void tearDown(void)
 {
-    char command[PATH_MAX + 16];
-    (void)snprintf(command, sizeof command, "rm -rf '%s'", folder);
-    TEST_ASSERT_EQUAL_INT(0, system(command)); /* NOLINT(cert-env33-c): of a name made above */
+    folder_remove(folder);
 }
 
 struct layer {
@@ -486,10 +483,7 @@ static void a_default_that_its_own_field_refuses_is_an_error(void)
 static void write_text(const char *name, const char *text, char *path, size_t size)
 {
     (void)snprintf(path, size, "%s/%s", folder, name);
-    FILE *file = fopen(path, "we");
-    TEST_ASSERT_NOT_NULL(file);
-    TEST_ASSERT_TRUE(fputs(text, file) >= 0);
-    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    text_write(path, text);
 }
 
 static void files_that_cannot_be_read_are_named_with_the_reason(void)

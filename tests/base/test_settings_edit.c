@@ -1,13 +1,13 @@
 /* Tests of changing numbers in settings files. */
 #include "base/settings_edit.h"
 
+#include "tests/files.h"
 #include "unity.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 struct inner {
     double a, b;
@@ -50,39 +50,32 @@ static const struct settings_field outer_fields[] = {{.key = "inner",
 static const struct settings_schema schema = {
     .what = "test file", .size = sizeof(struct outer), .fields = outer_fields};
 
-static char path[64];
+static char *folder, *path;
 static struct nacre_error error;
 
 void setUp(void)
 {
-    const char *temporary = getenv("TMPDIR");
-    (void)snprintf(path, sizeof path, "%.40s/nacre-XXXXXX", temporary ? temporary : "/tmp");
-    int file = mkstemp(path);
-    TEST_ASSERT_TRUE(file >= 0);
-    (void)close(file);
+    folder = folder_make();
+    path = path_join(folder, "settings.yaml");
 }
 
 void tearDown(void)
 {
-    (void)unlink(path);
+    free(path);
+    folder_remove(folder);
 }
 
 static void put(const char *text)
 {
-    FILE *file = fopen(path, "w");
-    TEST_ASSERT_NOT_NULL(file);
-    TEST_ASSERT_TRUE(fputs(text, file) >= 0);
-    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    text_write(path, text);
 }
 
 static void is_now(const char *expected)
 {
-    char text[512] = "";
-    FILE *file = fopen(path, "r");
-    TEST_ASSERT_NOT_NULL(file);
-    (void)fread(text, 1, sizeof text - 1, file);
-    (void)fclose(file);
+    size_t size = 0;
+    char *text = (char *)file_read(path, &size);
     TEST_ASSERT_EQUAL_STRING(expected, text);
+    free(text);
 }
 
 static void edit(const char *before, const char *key, double value, const char *after)

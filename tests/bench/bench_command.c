@@ -1,6 +1,7 @@
 /* The whole command on the three channels of the candle, with clusters and with a kernel per term: seconds, memory against
  * the responses, and whether the first comes within 1 % of the objective that 1000 of the paper's updates reach. */
 #include "cases.h"
+#include "tests/files.h"
 #include "timing.h"
 
 #include <errno.h>
@@ -194,17 +195,11 @@ static bool bench(const char *nacre, const char *folder, const char *model)
 /* Arguments: the program `nacre`; the one model wanted, clusters or terms. The scan, a gigabyte, goes to $TMPDIR or /tmp for the time being. */
 int main(int argc, char **argv)
 {
-    char folder[2048];
-    const char *below = getenv("TMPDIR");
     if (argc < 2 || argc > 3) {
         fail("usage: bench_command NACRE [clusters | terms]");
     }
-    (void)snprintf(folder, sizeof folder, "%s/nacre-bench-XXXXXX",
-                   below && *below ? below : "/tmp");
-    if (!mkdtemp(folder)) {
-        fail("cannot make a folder below $TMPDIR or /tmp");
-    }
+    char *folder = folder_make();
     bool good = bench(argv[1], folder, argc > 2 ? argv[2] : NULL);
-    (void)rmdir(folder);
+    folder_remove(folder);
     return good ? EXIT_SUCCESS : EXIT_FAILURE;
 }

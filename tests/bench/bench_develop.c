@@ -8,9 +8,9 @@
 #include "rig/develop/develop.h"
 #include "rig/sequence.h"
 #include "rig/virtual/virtual.h"
+#include "tests/files.h"
 #include "timing.h"
 
-#include <ftw.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -40,19 +40,6 @@ static void must(int status)
     if (status != NACRE_OK) {
         fail(error.text);
     }
-}
-
-static char *write_text(const char *folder, const char *name, const char *text)
-{
-    char *path = NULL;
-    if (asprintf(&path, "%s/%s", folder, name) < 0) {
-        fail("no memory");
-    }
-    FILE *file = text ? fopen(path, "w") : NULL;
-    if (text && (!file || fputs(text, file) < 0 || fclose(file) != 0)) {
-        fail("cannot write the settings");
-    }
-    return path;
 }
 
 static int lay(void *context, bool on, struct nacre_error *unused)
@@ -147,14 +134,6 @@ static struct stages time_grids(const char *path)
     return stages;
 }
 
-static int remove_entry(const char *path, const struct stat *found, int kind, struct FTW *place)
-{
-    (void)found;
-    (void)kind;
-    (void)place;
-    return remove(path);
-}
-
 static bool print_stages(const struct stages *stages)
 {
     double count = stages->patterns;
@@ -174,7 +153,7 @@ static bool print_stages(const struct stages *stages)
 
 int main(void)
 {
-    char folder[] = "/tmp/nacre-bench-XXXXXX";
+    char *folder = folder_make();
     struct develop_options options = {.black = BLACK_SUBTRACT,
                                       .confidence = 0.99,
                                       .demosaic = DEMOSAIC_FIT,
@@ -182,13 +161,12 @@ int main(void)
                                       .flat = FLAT_SEPARATE};
     struct develop_report report;
     struct rusage usage;
-    if (!mkdtemp(folder)) {
-        fail("cannot make a folder in /tmp");
-    }
-    char *station = write_text(folder, "station.yaml", station_text);
-    char *plan = write_text(folder, "plan.yaml", plan_text);
-    char *session = write_text(folder, "session", NULL);
-    char *output = write_text(folder, "scan.exr", NULL);
+    char *station = path_join(folder, "station.yaml");
+    char *plan = path_join(folder, "plan.yaml");
+    char *session = path_join(folder, "session");
+    char *output = path_join(folder, "scan.exr");
+    text_write(station, station_text);
+    text_write(plan, plan_text);
     scan(station, session);
     struct stages stages = time_grids(session);
     bool reached = print_stages(&stages);
@@ -201,7 +179,7 @@ int main(void)
         "%.1f, map %.1f, grids %.1f s); at most %ld MiB\n",
         report.patterns, took.wall, took.processor, report.white_seconds, report.black_seconds,
         report.dots_seconds, report.map_seconds, report.grid_seconds, usage.ru_maxrss / 1024);
-    (void)nftw(folder, remove_entry, 16, FTW_DEPTH | FTW_PHYS);
+    folder_remove(folder);
     free(station);
     free(plan);
     free(session);

@@ -6,8 +6,8 @@
  * Times are processor time of the process, so that other programs on the machine hardly count. */
 #include "rig/session.h"
 #include "rig/virtual/virtual.h"
+#include "tests/files.h"
 
-#include <ftw.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <sys/stat.h>
@@ -128,28 +128,18 @@ static void print(const struct session *session, const struct times *sums, int p
            all * sums->bytes / patterns / 1073741824);
 }
 
-static int remove_one(const char *path, const struct stat *found, int kind, struct FTW *place)
-{
-    (void)found;
-    (void)kind;
-    (void)place;
-    return remove(path);
-}
-
 int main(int count, char **arguments)
 {
-    char folder[] = "/tmp/nacre-bench-XXXXXX";
-    char path[64];
     struct session session = {0};
     struct virtual_station *station = NULL;
     struct times sums = {0};
     uint8_t *levels = NULL;
     int patterns = count == 3 ? (int)strtol(arguments[2], NULL, 10) : 0;
-    if (patterns < 1 || !mkdtemp(folder)) {
+    if (patterns < 1) {
         (void)fprintf(stderr, "usage: %s STATION PATTERNS\n", arguments[0]);
         return 2;
     }
-    (void)snprintf(path, sizeof path, "%s/session", folder);
+    char *folder = folder_make(), *path = path_join(folder, "session");
     int status = session_create(path, arguments[1], NULL, false, &session, &error);
     if (status == NACRE_OK) {
         status = virtual_station_new(&session.station, &station, &error);
@@ -172,6 +162,7 @@ int main(int count, char **arguments)
     free(levels);
     virtual_station_free(station);
     session_finish(&session);
-    (void)nftw(folder, remove_one, 8, FTW_DEPTH | FTW_PHYS);
+    free(path);
+    folder_remove(folder);
     return status == NACRE_OK ? 0 : 1;
 }

@@ -1,9 +1,10 @@
-/* Running the built programs as a user does, and looking at what they print and leave behind. */
+/* Running the built programs as a user does, and looking at what they print and leave behind (files.h). */
 #ifndef TESTS_CMD_SPAWN_H
 #define TESTS_CMD_SPAWN_H
 
+#include "tests/files.h"
+
 #include <stddef.h>
-#include <stdint.h>
 
 /* How one run ended. spawned_finish frees. */
 struct spawned {
@@ -27,21 +28,5 @@ void spawned_finish(struct spawned *run);
 
 /* Run for what is made before the tests: what fails ends the test program with what was said. */
 void spawn_or_abort(const char *const *arguments);
-
-/* A new empty folder below $TMPDIR or /tmp; heap. folder_remove removes it with all it holds and frees the name. */
-char *folder_make(void);
-void folder_remove(char *folder);
-
-/* FOLDER/NAME; heap. */
-char *path_join(const char *folder, const char *name);
-
-/* The names of everything below `folder`, sorted, with sizes and hashes of files, one a line; heap. Two equal texts
- * mean that nothing was added, removed or altered. */
-char *folder_describe(const char *folder);
-
-/* The bytes of a file, with a 0 behind them; heap, NULL when it cannot be read. */
-uint8_t *file_read(const char *path, size_t *size);
-void file_write(const char *path, const void *bytes, size_t size);
-void text_write(const char *path, const char *text);
 
 #endif

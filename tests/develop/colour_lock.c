@@ -4,6 +4,7 @@
 #include "made.h"
 #include "rig/virtual/virtual.h"
 #include "simulated.h"
+#include "tests/files.h"
 #include "unity.h"
 #include "virtual_scan.h"
 
@@ -128,7 +129,7 @@ void colour_lock_scan(const struct colour_lock_trigger *trigger, struct colour_l
     struct sequence_result sequence;
     struct develop_report report;
     struct colour_lock_trigger copy = {0};
-    char *folder = made_folder();
+    char *folder = folder_make();
     virtual_scan_write(folder, "plan.yaml", plan_text);
     virtual_scan_write(folder, "sample.yaml", sample_text);
     (void)snprintf(text, sizeof text, station_text, trigger ? "" : "without: [colour wheel]\n");
@@ -144,7 +145,7 @@ void colour_lock_scan(const struct colour_lock_trigger *trigger, struct colour_l
         result->sums[i / RESPONSE][channel] += isnan(responses[i]) ? 0 : (double)responses[i];
     }
     free(responses);
-    made_folder_remove(folder);
+    folder_remove(folder);
 }
 
 struct colour_lock_error colour_lock_judge(const struct colour_lock_sums *sums,

@@ -4,7 +4,6 @@
 #include "unity.h"
 
 #include <dirent.h>
-#include <ftw.h>
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -310,28 +309,4 @@ char *made_session(const struct made_station *station, const char *folder, const
     }
     session_finish(&session);
     return path;
-}
-
-char *made_folder(void)
-{
-    const char *parent = getenv("TMPDIR");
-    char *folder = NULL;
-    TEST_ASSERT_TRUE(asprintf(&folder, "%s/nacre-develop-XXXXXX", parent ? parent : "/tmp") > 0);
-    TEST_ASSERT_NOT_NULL(mkdtemp(folder));
-    return folder;
-}
-
-static int remove_one(const char *path, const struct stat *found, int flag, struct FTW *walk)
-{
-    (void)found;
-    (void)flag;
-    (void)walk;
-    return remove(path);
-}
-
-void made_folder_remove(char *folder)
-{
-    (void)nftw(folder, remove_one, 16,
-               FTW_DEPTH | FTW_PHYS); /* what stays is in a temporary folder */
-    free(folder);
 }

@@ -68,8 +68,4 @@ char *made_session(const struct made_station *station, const char *folder, const
 void made_measure(const struct made_station *station, const char *path, struct pattern pattern,
                   int fill);
 
-/* A new folder below TMPDIR or /tmp (heap), and removing one with all that it holds. */
-char *made_folder(void);
-void made_folder_remove(char *folder);
-
 #endif

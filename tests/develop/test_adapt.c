@@ -2,6 +2,7 @@
 #include "made.h"
 #include "rig/develop/adapt.h"
 #include "rig/sequence.h"
+#include "tests/files.h"
 #include "unity.h"
 
 #include <math.h>
@@ -31,7 +32,7 @@ static char *folder;
 void setUp(void)
 {
     char path[256];
-    folder = made_folder();
+    folder = folder_make();
     (void)snprintf(path, sizeof path, "%s/station.yaml", folder);
     FILE *file = fopen(path, "w");
     TEST_ASSERT_NOT_NULL(file);
@@ -44,7 +45,7 @@ void setUp(void)
 
 void tearDown(void)
 {
-    made_folder_remove(folder);
+    folder_remove(folder);
     pilot_finish(&pilot);
     plan_finish(&plan);
     station_finish(&station);

@@ -7,6 +7,7 @@
 #include "rig/virtual/sample.h"
 #include "rig/virtual/transport.h"
 #include "rig/virtual/virtual.h"
+#include "tests/files.h"
 #include "unity.h"
 
 #include <math.h>
@@ -40,12 +41,12 @@ static struct nacre_error error;
 
 void setUp(void)
 {
-    folder = made_folder();
+    folder = folder_make();
 }
 
 void tearDown(void)
 {
-    made_folder_remove(folder);
+    folder_remove(folder);
 }
 
 static void must(int status)

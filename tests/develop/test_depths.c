@@ -2,6 +2,7 @@
 #include "compare.h"
 #include "made.h"
 #include "rig/develop/develop.h"
+#include "tests/files.h"
 #include "unity.h"
 
 #include <math.h>
@@ -55,7 +56,7 @@ static void develop(int bits, enum bayer bayer, enum demosaic demosaic, double l
     struct develop_report report;
     struct nacre_error error = {""};
     char name[64];
-    char *folder = made_folder();
+    char *folder = folder_make();
     char *path = made_session(&station, folder, plan_text);
     char *scan = NULL;
     TEST_ASSERT_TRUE(asprintf(&scan, "%s/scan.exr", folder) > 0);
@@ -71,7 +72,7 @@ static void develop(int bits, enum bayer bayer, enum demosaic demosaic, double l
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, report.warnings.count, name);
     free(scan);
     free(path);
-    made_folder_remove(folder);
+    folder_remove(folder);
 }
 
 static void every_depth_gives_the_responses(void)

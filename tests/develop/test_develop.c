@@ -4,6 +4,7 @@
 #include "nacre/scan.h"
 #include "rig/develop/blur.h"
 #include "rig/develop/develop.h"
+#include "tests/files.h"
 #include "unity.h"
 
 #include <math.h>
@@ -360,7 +361,7 @@ static void camera_without_colours_gives_one_channel(void)
 {
     struct made_station colour = station;
     char *kept = session_path;
-    char *mono_folder = made_folder();
+    char *mono_folder = folder_make();
     station.bayer = BAYER_MONO;
     station.bits = 12;
     station.white[1] =
@@ -373,7 +374,7 @@ static void camera_without_colours_gives_one_channel(void)
     TEST_ASSERT_EQUAL_INT(1, report.channels);
     TEST_ASSERT_DOUBLE_WITHIN(0.024, 0, compare().error);
     free(session_path);
-    made_folder_remove(mono_folder);
+    folder_remove(mono_folder);
     session_path = kept;
     station = colour;
 }
@@ -386,7 +387,7 @@ struct other {
 
 static struct other other_begin(double blur_px, double soft_px, double layer_soft_px)
 {
-    struct other kept = {station, session_path, made_folder()};
+    struct other kept = {station, session_path, folder_make()};
     station.blur_px = blur_px;
     station.soft_px = soft_px;
     station.layer_soft_px = layer_soft_px;
@@ -397,7 +398,7 @@ static struct other other_begin(double blur_px, double soft_px, double layer_sof
 static void other_end(struct other *kept)
 {
     free(session_path);
-    made_folder_remove(kept->folder);
+    folder_remove(kept->folder);
     session_path = kept->path;
     station = kept->station;
 }
@@ -478,7 +479,7 @@ static void a_white_layer_that_spreads_light_is_no_blur_of_the_camera(void)
 int main(void)
 {
     UNITY_BEGIN();
-    folder = made_folder();
+    folder = folder_make();
     if (asprintf(&scan_path, "%s/scan.exr", folder) < 0) {
         return EXIT_FAILURE;
     }
@@ -506,6 +507,6 @@ int main(void)
     RUN_TEST(camera_without_colours_gives_one_channel);
     free(session_path);
     free(scan_path);
-    made_folder_remove(folder);
+    folder_remove(folder);
     return UNITY_END();
 }

@@ -3,6 +3,7 @@
 #include "made.h"
 #include "rig/virtual/spread.h"
 #include "rig/virtual/surface.h"
+#include "tests/files.h"
 #include "unity.h"
 #include "virtual_scan.h"
 
@@ -57,14 +58,14 @@ static char *folder;
 
 void setUp(void)
 {
-    folder = made_folder();
+    folder = folder_make();
     virtual_scan_write(folder, "sample.yaml", sample_text);
     virtual_scan_write(folder, "plan.yaml", plan_text);
 }
 
 void tearDown(void)
 {
-    made_folder_remove(folder);
+    folder_remove(folder);
 }
 
 /* The exact responses as they are without windows: from(i) to(o), each channel a matrix; 0 beyond the windows. */
@@ -225,7 +226,7 @@ static double measure_error(const char *projector, const char *camera)
     char text[1024];
     struct sequence_result result;
     struct develop_report report;
-    char *own = made_folder();
+    char *own = folder_make();
     (void)snprintf(text, sizeof text, sharp_text, projector, camera);
     virtual_scan_write(own, "station.yaml", text);
     virtual_scan_write(own, "plan.yaml", plan_text);
@@ -239,7 +240,7 @@ static double measure_error(const char *projector, const char *camera)
     free(developed);
     free(exact);
     free(expected);
-    made_folder_remove(own);
+    folder_remove(own);
     return error;
 }
 
@@ -272,7 +273,7 @@ static void measure_ratios(const char *order, double *ratios)
         char text[1024];
         struct sequence_result result;
         struct develop_report report;
-        char *own = made_folder();
+        char *own = folder_make();
         (void)snprintf(text, sizeof text, "%sorder: %s\n", plan_text, order);
         virtual_scan_write(own, "plan.yaml", text);
         virtual_scan_write(own, "sample.yaml", sample_text);
@@ -285,7 +286,7 @@ static void measure_ratios(const char *order, double *ratios)
             sums[k][i / RESPONSE] += isnan(developed[i]) ? 0 : (double)developed[i];
         }
         free(developed);
-        made_folder_remove(own);
+        folder_remove(own);
     }
     for (int i = 0; i < POINTS; i++) {
         ratios[i] = sums[0][i] / sums[1][i];

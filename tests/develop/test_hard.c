@@ -3,6 +3,7 @@
 #include "made.h"
 #include "rig/develop/develop.h"
 #include "rig/develop/wheel.h"
+#include "tests/files.h"
 #include "unity.h"
 
 #include <math.h>
@@ -38,7 +39,7 @@ void setUp(void)
     station.camera_width = 84;
     station.camera_height = 74;
     station.reach = 0.55;
-    folder = made_folder();
+    folder = folder_make();
     TEST_ASSERT_TRUE(asprintf(&scan_path, "%s/scan.exr", folder) > 0);
 }
 
@@ -47,7 +48,7 @@ void tearDown(void)
     free(session_path);
     free(scan_path);
     session_path = scan_path = NULL;
-    made_folder_remove(folder);
+    folder_remove(folder);
 }
 
 static void scan(const char *plan)
@@ -83,7 +84,7 @@ static bool is_warned_of(const char *words)
 /* Put grid 3 of another session, measured by `other`, in the place of this one's. */
 static void swap_frame(const struct made_station *other, const char *plan)
 {
-    char *elsewhere = made_folder();
+    char *elsewhere = folder_make();
     char *path = made_session(other, elsewhere, plan);
     struct session from = {.path = path};
     struct session to = {.path = session_path};
@@ -94,7 +95,7 @@ static void swap_frame(const struct made_station *other, const char *plan)
     free(source);
     free(target);
     free(path);
-    made_folder_remove(elsewhere);
+    folder_remove(elsewhere);
 }
 
 static void frame_of_another_session_is_refused(void)

@@ -1,5 +1,6 @@
 /* The lens's distortion of the virtual station's camera is found by the dots, and its residuals are told. */
 #include "made.h"
+#include "tests/files.h"
 #include "unity.h"
 #include "virtual_scan.h"
 
@@ -35,12 +36,12 @@ static struct develop_report report;
 
 void setUp(void)
 {
-    folder = made_folder();
+    folder = folder_make();
 }
 
 void tearDown(void)
 {
-    made_folder_remove(folder);
+    folder_remove(folder);
 }
 
 static void see_through(double k1, double k2)

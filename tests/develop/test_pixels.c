@@ -4,6 +4,7 @@
 #include "nacre/scan.h"
 #include "rig/develop/calibrate.h"
 #include "rig/virtual/pixels.h"
+#include "tests/files.h"
 #include "unity.h"
 #include "virtual_scan.h"
 
@@ -209,7 +210,7 @@ static void measure(void)
 int main(void)
 {
     UNITY_BEGIN();
-    folder = made_folder();
+    folder = folder_make();
     session_path = path_of("session");
     map_path = path_of("map.exr");
     scan_path = path_of("scan.exr");
@@ -222,6 +223,6 @@ int main(void)
     free(session_path);
     free(map_path);
     free(scan_path);
-    made_folder_remove(folder);
+    folder_remove(folder);
     return UNITY_END();
 }

@@ -2,6 +2,7 @@
  * is whole and of the same session. */
 #include "made.h"
 #include "rig/develop/develop.h"
+#include "tests/files.h"
 #include "unity.h"
 
 #include <fcntl.h>
@@ -284,7 +285,7 @@ static void two_at_once_are_refused(void)
 int main(void)
 {
     UNITY_BEGIN();
-    folder = made_folder();
+    folder = folder_make();
     station = made_station_usual();
     station.width = 20;
     station.height = 16;
@@ -314,6 +315,6 @@ int main(void)
     free(session_path);
     free(scan_path);
     free(work_path);
-    made_folder_remove(folder);
+    folder_remove(folder);
     return UNITY_END();
 }

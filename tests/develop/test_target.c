@@ -4,6 +4,7 @@
 #include "nacre/scan.h"
 #include "rig/develop/lattice.h"
 #include "rig/develop/target.h"
+#include "tests/files.h"
 #include "unity.h"
 #include "virtual_scan.h"
 
@@ -18,12 +19,12 @@ static char *folder;
 void setUp(void)
 {
     memset(&error, 0, sizeof error);
-    folder = made_folder();
+    folder = folder_make();
 }
 
 void tearDown(void)
 {
-    made_folder_remove(folder);
+    folder_remove(folder);
 }
 
 enum { COLUMNS = 7, ROWS = 6 };

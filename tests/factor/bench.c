@@ -2,17 +2,9 @@
 #include "bench.h"
 
 #include <math.h>
-#include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 #include <unity.h>
-
-bool bench_make_folder(char *path, size_t size)
-{
-    const char *parent = getenv("TMPDIR");
-    int length = snprintf(path, size, "%s/nacre-XXXXXX", parent && *parent ? parent : "/tmp");
-    return length > 0 && (size_t)length < size && mkdtemp(path);
-}
 
 void bench_succeed(int status, const struct nacre_error *error)
 {

@@ -21,9 +21,6 @@ struct bench {
 struct bench bench_new(const struct sample *sample, int terms, int clusters, int lanes);
 void bench_finish(struct bench *b);
 
-/* A new folder below $TMPDIR or /tmp, its name in `path`, which is too short or the disk full where this is false. */
-bool bench_make_folder(char *path, size_t size);
-
 /* Ends the test with the error's text unless status is NACRE_OK. */
 void bench_succeed(int status, const struct nacre_error *error);
 

@@ -5,6 +5,7 @@
 
 #include "factor/checkpoint.h"
 #include "factor/layout.h"
+#include "tests/files.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -14,37 +15,28 @@
 enum { WIDTH = 15, HEIGHT = 12, WINDOW = 9 };
 
 static struct opencl opencl;
-static char folder[512];
-static char path[640];
+static char *folder, *path; /* of the checkpoint */
 static struct nacre_error error;
 
 void setUp(void)
 {
     error = (struct nacre_error){0};
-    (void)unlink(path);
+    folder = folder_make();
+    path = path_join(folder, "checkpoint");
 }
 
 void tearDown(void)
 {
+    free(path);
+    folder_remove(folder);
 }
 
-static char *read_all(const char *from, size_t *size)
+/* The checkpoint, with a 0 behind it. */
+static char *read_all(size_t *size)
 {
-    char *bytes = malloc(1 << 24);
-    FILE *file = fopen(from, "rb");
-    TEST_ASSERT_NOT_NULL_MESSAGE(file, from);
-    TEST_ASSERT_NOT_NULL(bytes);
-    *size = fread(bytes, 1, 1 << 24, file);
-    (void)fclose(file);
+    char *bytes = (char *)file_read(path, size);
+    TEST_ASSERT_NOT_NULL_MESSAGE(bytes, path);
     return bytes;
-}
-
-static void write_all(const char *to, const char *bytes, size_t size)
-{
-    FILE *file = fopen(to, "wb");
-    TEST_ASSERT_NOT_NULL(file);
-    TEST_ASSERT_EQUAL_UINT64(size, fwrite(bytes, 1, size, file));
-    TEST_ASSERT_EQUAL_INT(0, fclose(file));
 }
 
 static const char identity[] = "scan: 3 x 4\nterms: 12\n";
@@ -99,10 +91,10 @@ static void a_damaged_file_is_refused(void)
 {
     size_t size = 0;
     write_small();
-    char *bytes = read_all(path, &size);
+    char *bytes = read_all(&size);
     for (size_t i = 0; i < size; i += i < 80 ? 1 : 13) {
         bytes[i] = (char)(bytes[i] ^ 0x10);
-        write_all(path, bytes, size);
+        file_write(path, bytes, size);
         /* The rest of the magic's room is filled with zeros and is not looked at. */
         if (i < strlen("nacre checkpoint 1\n") || i >= 24) {
             expect_refused(identity, "checkpoint");
@@ -116,21 +108,18 @@ static void a_file_cut_short_or_too_long_is_refused(void)
 {
     size_t size = 0;
     write_small();
-    char *bytes = read_all(path, &size);
-    write_all(path, bytes, 10);
+    char *bytes = read_all(&size);
+    file_write(path, bytes, 10);
     expect_refused(identity, "no checkpoint");
-    write_all(path, bytes, size / 2);
+    file_write(path, bytes, size / 2);
     expect_refused(identity, "cut short");
-    write_all(path, bytes, size - 1);
+    file_write(path, bytes, size - 1);
     expect_refused(identity, "cut short");
-    bytes = realloc(bytes, size + 1);
-    TEST_ASSERT_NOT_NULL(bytes);
-    bytes[size] = 0;
-    write_all(path, bytes, size + 1);
+    file_write(path, bytes, size + 1);
     expect_refused(identity, "longer");
-    write_all(path, "hello", 5);
+    file_write(path, "hello", 5);
     expect_refused(identity, "no checkpoint");
-    write_all(path, "", 0);
+    file_write(path, "", 0);
     expect_refused(identity, "no checkpoint");
     free(bytes);
 }
@@ -207,9 +196,9 @@ static void keep(void *data, int iteration)
     char to[640];
     size_t size = 0;
     if (keeping->moments[keeping->kept] == iteration) {
-        char *bytes = read_all(path, &size);
+        char *bytes = read_all(&size);
         kept_path(to, sizeof to, keeping->kept++);
-        write_all(to, bytes, size);
+        file_write(to, bytes, size);
         free(bytes);
     }
 }
@@ -387,7 +376,7 @@ static void a_state_that_contradicts_itself_is_refused(void)
     struct outcome stopped = run(&sample, &options);
     outcome_finish(&stopped);
     paced.cancel_at = 0;
-    char *bytes = read_all(path, &size), ours[2048];
+    char *bytes = read_all(&size), ours[2048];
     uint64_t identity_size = 0;
     memcpy(&identity_size, bytes + 24, sizeof identity_size);
     TEST_ASSERT_TRUE(identity_size < sizeof ours);
@@ -414,11 +403,6 @@ int main(void)
         (void)fprintf(stderr, "SKIP: %s\n", error.text);
         return 77;
     }
-    if (!bench_make_folder(folder, sizeof folder)) {
-        perror(folder);
-        return 1;
-    }
-    (void)snprintf(path, sizeof path, "%s/checkpoint", folder);
     RUN_TEST(what_was_put_is_got_back);
     RUN_TEST(no_file_is_no_state);
     RUN_TEST(a_damaged_file_is_refused);
@@ -430,8 +414,6 @@ int main(void)
     RUN_TEST(checkpoints_come_when_their_time_has_passed);
     RUN_TEST(another_scan_and_other_options_are_refused);
     RUN_TEST(a_state_that_contradicts_itself_is_refused);
-    (void)unlink(path);
-    (void)rmdir(folder);
     opencl_close(&opencl);
     return UNITY_END();
 }

@@ -3,23 +3,25 @@
 #include "recipe.h"
 
 #include "nacre/exr_file.h"
+#include "tests/files.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 #include <unity.h>
 
 static struct opencl opencl;
-static char folder[512];
+static char *folder;
 
 void setUp(void)
 {
+    folder = folder_make();
 }
 
 void tearDown(void)
 {
+    folder_remove(folder);
 }
 
 static int compare_floats(const void *a, const void *b)
@@ -65,8 +67,7 @@ static void files_hold_planes_of_few_values(void)
     const int bits[] = {8, 6, 3};
     struct recipe recipe = {.noise = true, .slope = 0.4, .scale = 1};
     struct sample sample = recipe_make(&recipe, 20, 16, 3, 7);
-    char path[640];
-    (void)snprintf(path, sizeof path, "%s/m.exr", folder);
+    char *path = path_join(folder, "m.exr");
     for (int i = 0; i < 3; i++) {
         struct factor_options options = recipe_options(3, 8);
         struct factor_summary summary;
@@ -99,7 +100,7 @@ static void files_hold_planes_of_few_values(void)
         nacre_material_finish(&m);
         nacre_material_finish(&back);
     }
-    (void)unlink(path);
+    free(path);
     sample_finish(&sample);
 }
 
@@ -109,9 +110,8 @@ static void expect_refused(const char *path, int what, const char *word)
     struct exr_file file;
     struct nacre_error error = {0};
     struct nacre_material m;
-    char changed[640];
+    char *changed = path_join(folder, "changed.exr");
     bench_succeed(exr_file_read(path, &file, &error), &error);
-    (void)snprintf(changed, sizeof changed, "%s/changed.exr", folder);
     for (size_t i = 0; i < file.parts[0].attribute_count; i++) {
         struct exr_attribute *a = &file.parts[0].attributes[i];
         if (what == 0 && strcmp(a->name, "nacre.radii") == 0) {
@@ -150,7 +150,7 @@ static void expect_refused(const char *path, int what, const char *word)
     TEST_ASSERT_EQUAL_INT(NACRE_FAILED, nacre_material_read(changed, &m, &error));
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(error.text, word), error.text);
     exr_file_finish(&file);
-    (void)unlink(changed);
+    free(changed);
 }
 
 static void damaged_files_are_refused(void)
@@ -160,8 +160,7 @@ static void damaged_files_are_refused(void)
     struct factor_options options = recipe_options(2, 3);
     struct factor_summary summary;
     struct nacre_error error = {0};
-    char path[640];
-    (void)snprintf(path, sizeof path, "%s/m.exr", folder);
+    char *path = path_join(folder, "m.exr");
     options.reciprocity = TERMS_GAINED;
     struct nacre_material m = recipe_fit(&opencl, &sample, &options, &summary);
     bench_succeed(nacre_material_write(path, &m, &error), &error);
@@ -173,7 +172,7 @@ static void damaged_files_are_refused(void)
     expect_refused(path, 6, "nacre.logarithms");
     expect_refused(path, 7, "nacre.logarithms");
     expect_refused(path, 3, "part gain");
-    (void)unlink(path);
+    free(path);
     factor_summary_finish(&summary);
     nacre_material_finish(&m);
     sample_finish(&sample);
@@ -182,15 +181,13 @@ static void damaged_files_are_refused(void)
 int main(void)
 {
     struct nacre_error error = {0};
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK ||
-        !bench_make_folder(folder, sizeof folder)) {
+    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
         (void)fprintf(stderr, "%s\n", error.text);
         return 1;
     }
     UNITY_BEGIN();
     RUN_TEST(files_hold_planes_of_few_values);
     RUN_TEST(damaged_files_are_refused);
-    (void)rmdir(folder);
     opencl_close(&opencl);
     return UNITY_END();
 }

@@ -1,8 +1,7 @@
 /* Trials of tiles: what they remember, where, and that nothing but speed depends on it. */
-#include "bench.h"
-
 #include "factor/layout.h"
 #include "factor/tune_trial.h"
+#include "tests/files.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -12,15 +11,15 @@
 #include <unity.h>
 
 static struct opencl opencl; /* the name is all that remembering asks of it */
-static char folder[512], file[640];
+static char *folder, *file;
 
 static const struct tune_class plain = {.method = "mu", .lanes = 8};
 static const struct tune_result two[] = {{{2, 4, 2}, 0.5}, {{3, 1, 64}, 1e-9}};
 
 void setUp(void)
 {
-    TEST_ASSERT_TRUE(bench_make_folder(folder, sizeof folder));
-    (void)snprintf(file, sizeof file, "%s/nacre/tiles.tsv", folder);
+    folder = folder_make();
+    file = path_join(folder, "nacre/tiles.tsv");
     TEST_ASSERT_EQUAL_INT(0, unsetenv("CACHE_DIRECTORY"));
     TEST_ASSERT_EQUAL_INT(0, setenv("XDG_CACHE_HOME", folder, 1));
     opencl = (struct opencl){.name = "a device\tof two"};
@@ -34,7 +33,9 @@ void tearDown(void)
     (void)unlink(path);
     (void)snprintf(path, sizeof path, "%s/nacre", folder);
     (void)rmdir(path);
-    TEST_ASSERT_EQUAL_INT(0, rmdir(folder));
+    TEST_ASSERT_EQUAL_INT(0, rmdir(folder)); /* nothing else was left */
+    free(file);
+    free(folder);
 }
 
 static void remember(struct tune_class class, const struct tune_result *results, size_t count)

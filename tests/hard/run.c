@@ -9,11 +9,11 @@
 #include "factor/layout.h"
 #include "factor/update.h"
 #include "factor/weight.h"
+#include "tests/files.h"
 
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
-#include <unistd.h>
 #include <unity.h>
 
 /* A case on its way: responses, clusters and kernels, method. */
@@ -262,16 +262,14 @@ float *hard_factors(const struct sample *sample, const struct hard_case *hard,
 void hard_pass_through_file(struct nacre_material *material)
 {
     struct nacre_error error = {0};
-    char path[] = "/tmp/nacre-hard-XXXXXX";
-    int file = mkstemp(path);
-    TEST_ASSERT_TRUE(file >= 0);
-    (void)close(file);
+    char *folder = folder_make(), *path = path_join(folder, "material.exr");
     int status = nacre_material_write(path, material, &error);
     nacre_material_finish(material);
     if (status == NACRE_OK) {
         status = nacre_material_read(path, material, &error);
     }
-    (void)unlink(path);
+    free(path);
+    folder_remove(folder);
     bench_succeed(status, &error);
 }
 

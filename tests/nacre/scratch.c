@@ -1,6 +1,8 @@
 /* Scratch folders for tests. */
 #include "scratch.h"
 
+#include "tests/files.h"
+
 #include <dirent.h>
 #include <fcntl.h>
 #include <signal.h>
@@ -12,39 +14,19 @@
 #include <unistd.h>
 #include <unity.h>
 
-static char folder[512];
+static char *folder;
 static int kept_error = -1;
 
 void scratch_make(void)
 {
-    const char *base = getenv("TMPDIR");
-    (void)snprintf(folder, sizeof folder, "%s/nacre-test-XXXXXX", base && base[0] ? base : "/tmp");
-    TEST_ASSERT_NOT_NULL(mkdtemp(folder));
-}
-
-/* Call `act` with the path of each file in the folder. */
-static int for_each(int (*act)(const char *path))
-{
-    int count = 0;
-    DIR *directory = opendir(folder);
-    TEST_ASSERT_NOT_NULL(directory);
-    for (struct dirent *entry = readdir(directory); entry; entry = readdir(directory)) {
-        if (strcmp(entry->d_name, ".") != 0 && strcmp(entry->d_name, "..") != 0) {
-            if (act) {
-                (void)act(scratch_path(entry->d_name));
-            }
-            count++;
-        }
-    }
-    (void)closedir(directory);
-    return count;
+    folder = folder_make();
 }
 
 void scratch_remove(void)
 {
     (void)chmod(folder, 0700);
-    (void)for_each(remove);
-    (void)rmdir(folder);
+    folder_remove(folder);
+    folder = NULL;
 }
 
 const char *scratch_path(const char *name)
@@ -58,29 +40,33 @@ const char *scratch_path(const char *name)
 
 int scratch_count(void)
 {
-    return for_each(NULL);
+    int count = -2; /* itself and the one above */
+    DIR *directory = opendir(folder);
+    TEST_ASSERT_NOT_NULL(directory);
+    while (readdir(directory)) {
+        count++;
+    }
+    (void)closedir(directory);
+    return count;
 }
 
 unsigned char *scratch_load(const char *name, size_t *size)
 {
-    FILE *file = fopen(scratch_path(name), "rb");
-    TEST_ASSERT_NOT_NULL(file);
-    (void)fseek(file, 0, SEEK_END);
-    *size = (size_t)ftell(file);
-    rewind(file);
-    unsigned char *bytes = malloc(*size + 1);
-    TEST_ASSERT_NOT_NULL(bytes);
-    TEST_ASSERT_EQUAL_UINT64(*size, fread(bytes, 1, *size, file));
-    (void)fclose(file);
+    unsigned char *bytes = file_read(scratch_path(name), size);
+    TEST_ASSERT_NOT_NULL_MESSAGE(bytes, name);
     return bytes;
 }
 
 void scratch_store(const char *name, const void *bytes, size_t size)
 {
-    FILE *file = fopen(scratch_path(name), "wb");
-    TEST_ASSERT_NOT_NULL(file);
-    TEST_ASSERT_EQUAL_UINT64(size, fwrite(bytes, 1, size, file));
-    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    file_write(scratch_path(name), bytes, size);
+}
+
+const char *scratch_text(const char *name, const char *text)
+{
+    const char *path = scratch_path(name);
+    text_write(path, text);
+    return path;
 }
 
 size_t scratch_find(const unsigned char *bytes, size_t size, const void *needle, size_t length)

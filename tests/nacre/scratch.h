@@ -14,9 +14,12 @@ const char *scratch_path(const char *name);
 /* Number of files in the folder, hidden ones too. */
 int scratch_count(void);
 
-/* All bytes of a file, from malloc. */
+/* All bytes of a file, with a 0 behind them, from malloc. */
 unsigned char *scratch_load(const char *name, size_t *size);
 void scratch_store(const char *name, const void *bytes, size_t size);
+
+/* Write a text file; returns its path, valid as above. */
+const char *scratch_text(const char *name, const char *text);
 
 /* Where `length` bytes of `needle` begin in a file's bytes; fails the test where they are missing. */
 size_t scratch_find(const unsigned char *bytes, size_t size, const void *needle, size_t length);

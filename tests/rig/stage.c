@@ -1,15 +1,13 @@
 /* Small stations for tests. */
 #include "stage.h"
 
+#include "tests/files.h"
 #include "unity.h"
 
-#include <ftw.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-#include <sys/stat.h>
-#include <unistd.h>
 
 const char stage_station[] = "sample: {width: 6, height: 5, pitch_mm: 0.5}\n"
                              "camera:\n"
@@ -42,38 +40,28 @@ const char stage_plan[] = "seed: 3\n"
 
 void stage_write(const struct stage *stage, const char *name, const char *text)
 {
-    char path[160];
-    (void)snprintf(path, sizeof path, "%s/%s", stage->folder, name);
-    FILE *file = fopen(path, "w");
-    TEST_ASSERT_NOT_NULL(file);
-    TEST_ASSERT_TRUE(fputs(text, file) >= 0);
-    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    char *path = path_join(stage->folder, name);
+    text_write(path, text);
+    free(path);
 }
 
 void stage_make(struct stage *stage, const char *station, const char *plan)
 {
-    const char *temporary = getenv("TMPDIR");
-    (void)snprintf(stage->folder, sizeof stage->folder, "%.40s/nacre-rig-XXXXXX",
-                   temporary ? temporary : "/tmp");
-    TEST_ASSERT_NOT_NULL(mkdtemp(stage->folder));
-    (void)snprintf(stage->station, sizeof stage->station, "%s/station.yaml", stage->folder);
-    (void)snprintf(stage->plan, sizeof stage->plan, "%s/plan.yaml", stage->folder);
-    (void)snprintf(stage->session, sizeof stage->session, "%s/session", stage->folder);
+    stage->folder = folder_make();
+    stage->station = path_join(stage->folder, "station.yaml");
+    stage->plan = path_join(stage->folder, "plan.yaml");
+    stage->session = path_join(stage->folder, "session");
     stage_write(stage, "station.yaml", station ? station : stage_station);
     stage_write(stage, "plan.yaml", plan ? plan : stage_plan);
 }
 
-static int remove_one(const char *path, const struct stat *found, int kind, struct FTW *place)
-{
-    (void)found;
-    (void)kind;
-    (void)place;
-    return remove(path);
-}
-
 void stage_remove(struct stage *stage)
 {
-    TEST_ASSERT_EQUAL_INT(0, nftw(stage->folder, remove_one, 8, FTW_DEPTH | FTW_PHYS));
+    folder_remove(stage->folder);
+    free(stage->station);
+    free(stage->plan);
+    free(stage->session);
+    *stage = (struct stage){0};
 }
 
 char *text_replace(const char *text, const char *from, const char *to)

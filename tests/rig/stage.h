@@ -14,8 +14,8 @@ enum { STAGE_WHITE = 1, STAGE_DOTS = 4, STAGE_BLACK = 2, STAGE_GRIDS = 9, STAGE_
 extern const char stage_station[], stage_plan[];
 
 struct stage {
-    char folder[64];
-    char station[96], plan[96], session[96]; /* paths; the session does not exist yet */
+    char *folder;
+    char *station, *plan, *session; /* paths; the session does not exist yet */
 };
 
 /* Make the folder with both files in it. The texts may be NULL for those above. */

@@ -1,7 +1,7 @@
 /* A small station with every effect. */
 #include "full.h"
 
-#include "scratch.h"
+#include "tests/nacre/scratch.h"
 #include "unity.h"
 
 #include <stdio.h>

@@ -4,7 +4,7 @@
 #include "full.h"
 #include "rig/virtual/effects_list.h"
 #include "rig/virtual/surface.h"
-#include "scratch.h"
+#include "tests/nacre/scratch.h"
 #include "unity.h"
 
 #include <math.h>

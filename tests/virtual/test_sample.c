@@ -1,7 +1,8 @@
 /* Sample files: the documented example and the shipped ones, what lies where, and what is refused. */
 #include "rig/virtual/medium.h"
 #include "rig/virtual/sample.h"
-#include "scratch.h"
+#include "tests/files.h"
+#include "tests/nacre/scratch.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -56,7 +57,8 @@ static void documented_example_is_read(void)
 {
     static const char fence[] = "```yaml\n";
     size_t size = 0;
-    char *page = scratch_load(DOCS "/formats.md", &size);
+    char *page = (char *)file_read(DOCS "/formats.md", &size);
+    TEST_ASSERT_NOT_NULL(page);
     char *section = strstr(page, "\n## sample.yaml\n");
     char *begin = section ? strstr(section, fence) : NULL;
     char *end = begin ? strstr(begin + sizeof fence - 1, "```\n") : NULL;

@@ -5,8 +5,8 @@
 #include "rig/virtual/montecarlo.h"
 #include "rig/virtual/solver.h"
 #include "rig/virtual/transport.h"
-#include "scratch.h"
 #include "slab.h"
+#include "tests/nacre/scratch.h"
 
 #include <math.h>
 #include <stdlib.h>

@@ -2,8 +2,9 @@
 #include "nacre/scan.h"
 #include "rig/virtual/explain.h"
 #include "rig/virtual/transport.h"
-#include "scratch.h"
 #include "slab.h"
+#include "tests/files.h"
+#include "tests/nacre/scratch.h"
 
 #include <math.h>
 #include <signal.h>
@@ -220,13 +221,14 @@ static void scan_does_not_depend_on_the_number_of_threads(void)
 {
     struct slab slab;
     struct sample sample = make_wide(&slab);
-    char *bytes[2];
+    uint8_t *bytes[2];
     size_t sizes[2];
     int threads = omp_get_max_threads();
     for (int i = 0; i < 2; i++) {
         omp_set_num_threads(1 + 2 * i);
         struct transport *transport = prepare(&sample);
-        bytes[i] = scratch_load(write_scan(transport, 7, "scan.exr"), &sizes[i]);
+        bytes[i] = file_read(write_scan(transport, 7, "scan.exr"), &sizes[i]);
+        TEST_ASSERT_NOT_NULL(bytes[i]);
         transport_free(transport);
     }
     omp_set_num_threads(threads);

@@ -6,10 +6,10 @@
 #include "../timing.h"
 
 #include "nacre/evaluate.h"
+#include "tests/files.h"
 
 #include <stdlib.h>
 #include <sys/stat.h>
-#include <unistd.h>
 
 struct nacre_material fitted_material(const struct bench *b, const struct sample *s, bool kept,
                                       const struct factor_options *options)
@@ -51,19 +51,15 @@ static size_t file_bytes(const struct nacre_material *m)
 {
     struct nacre_error error = {0};
     struct stat status;
-    char path[] = "/tmp/nacre-representations-XXXXXX";
-    int file = mkstemp(path);
-    if (file < 0) {
-        fail("cannot make a file in /tmp");
-    }
-    (void)close(file);
+    char *folder = folder_make(), *path = path_join(folder, "material.exr");
     if (nacre_material_write(path, m, &error) != NACRE_OK) {
         fail(error.text);
     }
     if (stat(path, &status) != 0) {
         fail("cannot look at the material's file");
     }
-    (void)unlink(path);
+    free(path);
+    folder_remove(folder);
     return (size_t)status.st_size;
 }
 

@@ -5,6 +5,7 @@
 
 #include "factor/cross.h"
 #include "factor/random.h"
+#include "tests/files.h"
 
 #include <math.h>
 #include <spawn.h>
@@ -184,17 +185,13 @@ static void run(const char *nacre, const char *path, char *scan)
 
 void sample_simulate(const char *nacre, const char *path, int lanes, int limit, struct sample *s)
 {
-    char folder[] = "/tmp/nacre-representations-XXXXXX", scan[64];
+    char *folder = folder_make(), *scan = path_join(folder, "scan.exr");
     *s = (struct sample){0};
-    if (!mkdtemp(folder)) {
-        fail("cannot make a folder in /tmp");
-    }
-    (void)snprintf(scan, sizeof scan, "%s/scan.exr", folder);
     run(nacre, path, scan);
     set_name(s, path);
     s->exact = load(scan, limit, s);
-    (void)unlink(scan);
-    (void)rmdir(folder);
+    free(scan);
+    folder_remove(folder);
     drop_copies(s, s->exact);
     float *noisy = add_noise(s);
     place(s, noisy, lanes);
