@@ -1,10 +1,10 @@
 /* Checkpoints: the file, and runs that go on from it as if they had never stopped. */
 #include "bench.h"
+#include "device.h"
+#include "outcome.h"
 #include "paced.h"
-#include "sample.h"
 
 #include "factor/checkpoint.h"
-#include "factor/layout.h"
 #include "tests/files.h"
 
 #include <stdlib.h>
@@ -133,27 +133,9 @@ static void another_run_is_refused_by_what_differs(void)
     expect_refused("scan: 3 x 4\nterms: 12\nmore\n", "here \"more\"");
 }
 
-/* One run. */
-struct outcome {
-    int status;
-    struct nacre_material material;
-    struct factor_summary summary;
-};
-
 static struct outcome run(const struct sample *sample, const struct factor_options *options)
 {
-    struct outcome outcome = {0};
-    struct responses responses = sample_load(sample, layout_lanes(&opencl));
-    outcome.status = factorize_responses(&responses, 0.5, options, &opencl, NULL, &outcome.material,
-                                         &outcome.summary, &error);
-    responses_finish(&responses);
-    return outcome;
-}
-
-static void outcome_finish(struct outcome *outcome)
-{
-    nacre_material_finish(&outcome->material);
-    factor_summary_finish(&outcome->summary);
+    return outcome_of(sample, options, &opencl, &error);
 }
 
 static void check_same(const struct outcome *expected, const struct outcome *actual)
@@ -396,13 +378,8 @@ static void a_state_that_contradicts_itself_is_refused(void)
     sample_finish(&sample);
 }
 
-int main(void)
+static void tests(void)
 {
-    UNITY_BEGIN();
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
-        (void)fprintf(stderr, "SKIP: %s\n", error.text);
-        return 77;
-    }
     RUN_TEST(what_was_put_is_got_back);
     RUN_TEST(no_file_is_no_state);
     RUN_TEST(a_damaged_file_is_refused);
@@ -414,6 +391,9 @@ int main(void)
     RUN_TEST(checkpoints_come_when_their_time_has_passed);
     RUN_TEST(another_scan_and_other_options_are_refused);
     RUN_TEST(a_state_that_contradicts_itself_is_refused);
-    opencl_close(&opencl);
-    return UNITY_END();
+}
+
+int main(void)
+{
+    return device_tests(__FILE__, &opencl, tests);
 }

@@ -1,4 +1,5 @@
 /* Judging by reciprocal pairs against a truth that is known. */
+#include "device.h"
 #include "flawed.h"
 
 #include "factor/cross.h"
@@ -142,16 +143,14 @@ static void a_dark_scan_has_no_pairs(void)
     sample_finish(&sample);
 }
 
-int main(void)
+static void tests(void)
 {
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
-        (void)fprintf(stderr, "%s\n", error.text);
-        return 1;
-    }
-    UNITY_BEGIN();
     RUN_TEST(the_error_against_the_truth_is_found_behind_noise);
     RUN_TEST(one_of_each_pair_is_kept);
     RUN_TEST(a_dark_scan_has_no_pairs);
-    opencl_close(&opencl);
-    return UNITY_END();
+}
+
+int main(void)
+{
+    return device_tests(__FILE__, &opencl, tests);
 }

@@ -1,7 +1,7 @@
 /* A factorization from responses to material, and the error it reports. */
-#include "sample.h"
+#include "device.h"
+#include "outcome.h"
 
-#include "factor/factorize.h"
 #include "factor/layout.h"
 #include "factor/update.h"
 
@@ -27,12 +27,10 @@ static int attempt(const struct sample *sample, const struct factor_options *opt
                    struct nacre_material *material, struct factor_summary *summary,
                    struct nacre_error *error)
 {
-    struct responses responses = sample_load(sample, layout_lanes(&opencl));
-    *summary = (struct factor_summary){0};
-    int status =
-        factorize_responses(&responses, 0.5, options, &opencl, NULL, material, summary, error);
-    responses_finish(&responses);
-    return status;
+    struct outcome outcome = outcome_of(sample, options, &opencl, error);
+    *material = outcome.material;
+    *summary = outcome.summary;
+    return outcome.status;
 }
 
 static struct nacre_material run(const struct sample *sample, const struct factor_options *options,
@@ -53,15 +51,6 @@ static struct factor_options quick(int terms, int clusters, int iterations)
     options.iterations = iterations;
     options.tolerance = 0;
     return options;
-}
-
-static int read_sample(const void *data, int x, int y, float *response, struct nacre_error *error)
-{
-    const struct sample *s = data;
-    (void)error;
-    memcpy(response, sample_at(s, x, y),
-           (size_t)s->channels * (size_t)s->window * (size_t)s->window * sizeof *response);
-    return NACRE_OK;
 }
 
 /* The definition, written out: points have an error, are dark (-1) or not measured (-2). */
@@ -141,11 +130,8 @@ static void the_error_is_what_its_definition_says(void)
     struct sample sample = make_spoilt();
     struct factor_options options = quick(4, 2, 10);
     struct factor_summary summary;
-    struct error_report report;
-    struct nacre_error error = {0};
     struct nacre_material material = run(&sample, &options, &summary);
-    struct error_source source = {.data = &sample, .read = read_sample};
-    TEST_ASSERT_EQUAL(NACRE_OK, error_measure(&source, &material, NULL, &report, &error));
+    struct error_report report = outcome_judge(&sample, &material);
     check_report(&sample, &material, &report);
     check_report(&sample, &material, &summary.error);
     TEST_ASSERT_EQUAL_UINT64(1, report.dark);
@@ -370,7 +356,6 @@ static void storing_as_float_loses_nothing_and_half_hardly_anything(void)
     sample_finish(&sample);
 }
 
-/* Last, as the flag that the signal sets stays set. */
 /* The true mean error of a material made of responses held as floats or as half floats. */
 static double error_of_stored(const struct sample *sample, const struct factor_options *options,
                               bool half)
@@ -378,8 +363,6 @@ static double error_of_stored(const struct sample *sample, const struct factor_o
     struct nacre_error error = {0};
     struct nacre_material material;
     struct factor_summary summary = {0};
-    struct error_report report = {0};
-    const struct error_source source = {.data = sample, .read = read_sample};
     struct responses responses = half ? sample_load_half(sample, layout_lanes(&opencl))
                                       : sample_load(sample, layout_lanes(&opencl));
     TEST_ASSERT_EQUAL_MESSAGE(
@@ -387,7 +370,7 @@ static double error_of_stored(const struct sample *sample, const struct factor_o
         factorize_responses(&responses, 0.5, options, &opencl, NULL, &material, &summary, &error),
         error.text);
     TEST_ASSERT_EQUAL_INT(half, summary.half_responses);
-    TEST_ASSERT_EQUAL(NACRE_OK, error_measure(&source, &material, NULL, &report, &error));
+    struct error_report report = outcome_judge(sample, &material);
     double mean = report.whole.mean;
     /* What the run itself reports is of what it held: off by what halves round, 2^-11 of each entry at most. */
     TEST_ASSERT_DOUBLE_WITHIN(half ? 0x1p-11 : 1e-6, mean, summary.error.whole.mean);
@@ -417,6 +400,7 @@ static void half_responses_leave_the_error_as_it_is(void)
     sample_finish(&sample);
 }
 
+/* Last, as the flag that the signal sets stays set. */
 static void a_run_that_is_stopped_before_it_iterates_leaves_no_material(void)
 {
     struct sample sample = sample_new(4, 3, 1, 3, 3);
@@ -431,14 +415,8 @@ static void a_run_that_is_stopped_before_it_iterates_leaves_no_material(void)
     sample_finish(&sample);
 }
 
-int main(void)
+static void tests(void)
 {
-    struct nacre_error error = {0};
-    UNITY_BEGIN();
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
-        (void)fprintf(stderr, "SKIP: %s\n", error.text);
-        return 77;
-    }
     RUN_TEST(the_error_is_what_its_definition_says);
     RUN_TEST(a_sample_of_two_materials_and_a_vein_is_fitted_to_its_noise);
     RUN_TEST(chessboard_points_are_clustered_by_their_material);
@@ -451,6 +429,9 @@ int main(void)
     RUN_TEST(storing_as_float_loses_nothing_and_half_hardly_anything);
     RUN_TEST(half_responses_leave_the_error_as_it_is);
     RUN_TEST(a_run_that_is_stopped_before_it_iterates_leaves_no_material);
-    opencl_close(&opencl);
-    return UNITY_END();
+}
+
+int main(void)
+{
+    return device_tests(__FILE__, &opencl, tests);
 }

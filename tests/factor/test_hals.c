@@ -1,5 +1,6 @@
 /* Block coordinate descent against double precision, and what it promises of any run. */
 #include "bench.h"
+#include "device.h"
 
 #include "factor/hals.h"
 #include "factor/layout.h"
@@ -344,14 +345,8 @@ static void too_many_terms_are_refused(void)
     sample_finish(&sample);
 }
 
-int main(void)
+static void tests(void)
 {
-    struct nacre_error error = {0};
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
-        (void)fprintf(stderr, "%s\n", error.text);
-        return 1;
-    }
-    UNITY_BEGIN();
     RUN_TEST(the_first_steps_agree_with_double_precision);
     RUN_TEST(the_first_steps_with_missing_entries_agree_with_double_precision);
     RUN_TEST(the_objective_never_rises);
@@ -361,6 +356,9 @@ int main(void)
     RUN_TEST(two_runs_give_the_same_bits);
     RUN_TEST(awkward_sizes_stay_finite);
     RUN_TEST(too_many_terms_are_refused);
-    opencl_close(&opencl);
-    return UNITY_END();
+}
+
+int main(void)
+{
+    return device_tests(__FILE__, &opencl, tests);
 }

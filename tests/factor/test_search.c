@@ -1,6 +1,7 @@
 /* Holding an error and a time: what a search tries, and whether it keeps its word. */
+#include "device.h"
+#include "outcome.h"
 #include "paced.h"
-#include "sample.h"
 
 #include "factor/layout.h"
 #include "factor/probe.h"
@@ -278,27 +279,9 @@ static void factors_of_other_terms_start_from_those_there_are(void)
     sample_finish(&sample);
 }
 
-/* One run. */
-struct outcome {
-    int status;
-    struct nacre_material material;
-    struct factor_summary summary;
-};
-
 static struct outcome run(const struct sample *sample, const struct factor_options *options)
 {
-    struct outcome outcome = {0};
-    struct responses responses = sample_load(sample, layout_lanes(&opencl));
-    outcome.status = factorize_responses(&responses, 0.5, options, &opencl, NULL, &outcome.material,
-                                         &outcome.summary, &error);
-    responses_finish(&responses);
-    return outcome;
-}
-
-static void outcome_finish(struct outcome *outcome)
-{
-    nacre_material_finish(&outcome->material);
-    factor_summary_finish(&outcome->summary);
+    return outcome_of(sample, options, &opencl, &error);
 }
 
 static struct factor_options free_options(void)
@@ -308,21 +291,10 @@ static struct factor_options free_options(void)
     return options;
 }
 
-static int read_sample(const void *data, int x, int y, float *response, struct nacre_error *unused)
-{
-    const struct sample *s = data;
-    (void)unused;
-    memcpy(response, sample_at(s, x, y),
-           (size_t)s->channels * (size_t)s->window * (size_t)s->window * sizeof *response);
-    return NACRE_OK;
-}
-
 /* Measured anew from the sample itself. */
 static double mean_error(const struct sample *sample, const struct nacre_material *material)
 {
-    const struct error_source source = {.data = sample, .read = read_sample};
-    struct error_report report;
-    TEST_ASSERT_EQUAL_INT(NACRE_OK, error_measure(&source, material, NULL, &report, &error));
+    struct error_report report = outcome_judge(sample, material);
     double mean = report.whole.mean;
     error_report_finish(&report);
     return mean;
@@ -577,13 +549,8 @@ static void of_error_and_time_the_time_wins(void)
     sample_finish(&sample);
 }
 
-int main(void)
+static void tests(void)
 {
-    UNITY_BEGIN();
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
-        (void)fprintf(stderr, "SKIP: %s\n", error.text);
-        return 77;
-    }
     RUN_TEST(the_material_found_is_nearly_the_smallest_there_is);
     RUN_TEST(one_term_that_holds_is_one_try);
     RUN_TEST(what_cannot_be_held_ends_with_the_largest);
@@ -604,6 +571,9 @@ int main(void)
     RUN_TEST(more_time_than_needed_is_not_used);
     RUN_TEST(too_little_time_is_refused_with_what_is_needed);
     RUN_TEST(of_error_and_time_the_time_wins);
-    opencl_close(&opencl);
-    return UNITY_END();
+}
+
+int main(void)
+{
+    return device_tests(__FILE__, &opencl, tests);
 }

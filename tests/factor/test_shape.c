@@ -1,5 +1,6 @@
 /* Choosing planes and kernels at equal bytes: what is chosen is what fits better when either is forced. */
 #include "bench.h"
+#include "device.h"
 #include "recipe.h"
 
 #include "factor/layout.h"
@@ -202,20 +203,17 @@ static void what_is_given_stays(void)
     sample_finish(&sample);
 }
 
-int main(void)
+static void tests(void)
 {
-    struct nacre_error error = {0};
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
-        (void)fprintf(stderr, "%s\n", error.text);
-        return 1;
-    }
-    UNITY_BEGIN();
     RUN_TEST(light_that_goes_farther_one_way_wants_full_kernels);
     RUN_TEST(light_that_goes_as_far_every_way_wants_radial_kernels);
     RUN_TEST(channels_that_differ_want_planes_of_their_own);
     RUN_TEST(channels_that_are_alike_share_planes);
     RUN_TEST(the_piece_is_where_points_differ);
     RUN_TEST(what_is_given_stays);
-    opencl_close(&opencl);
-    return UNITY_END();
+}
+
+int main(void)
+{
+    return device_tests(__FILE__, &opencl, tests);
 }

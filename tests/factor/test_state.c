@@ -1,4 +1,5 @@
 /* Saving and loading a method's state: what goes on from a saved state is what would have been, bit for bit. */
+#include "device.h"
 #include "sample.h"
 
 #include "factor/hals.h"
@@ -195,17 +196,15 @@ static void methods_explain_what_they_chose(void)
     }
 }
 
-int main(void)
+static void tests(void)
 {
-    UNITY_BEGIN();
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
-        (void)fprintf(stderr, "SKIP: %s\n", error.text);
-        return 77;
-    }
     RUN_TEST(multiplicative_updates_continue_bit_for_bit);
     RUN_TEST(block_coordinate_descent_continues_bit_for_bit);
     RUN_TEST(factors_alone_do_not_continue_hals);
     RUN_TEST(methods_explain_what_they_chose);
-    opencl_close(&opencl);
-    return UNITY_END();
+}
+
+int main(void)
+{
+    return device_tests(__FILE__, &opencl, tests);
 }

@@ -1,4 +1,5 @@
 /* The model with a kernel per term on samples of known kinds. */
+#include "device.h"
 #include "recipe.h"
 
 #include "factor/layout.h"
@@ -160,14 +161,8 @@ static void what_does_not_belong_together_is_refused(void)
     sample_finish(&sample);
 }
 
-int main(void)
+static void tests(void)
 {
-    struct nacre_error error = {0};
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
-        (void)fprintf(stderr, "%s\n", error.text);
-        return 1;
-    }
-    UNITY_BEGIN();
     RUN_TEST(one_term_suffices_for_a_homogeneous_sample);
     RUN_TEST(planes_of_two_kinds_are_found);
     RUN_TEST(scale_does_not_matter);
@@ -176,6 +171,9 @@ int main(void)
     RUN_TEST(what_is_not_reciprocal_gets_planes_for_both_ends);
     RUN_TEST(holes_are_filled);
     RUN_TEST(what_does_not_belong_together_is_refused);
-    opencl_close(&opencl);
-    return UNITY_END();
+}
+
+int main(void)
+{
+    return device_tests(__FILE__, &opencl, tests);
 }

@@ -1,5 +1,6 @@
 /* The file of a material with a kernel per term. */
 #include "bench.h"
+#include "device.h"
 #include "recipe.h"
 
 #include "nacre/exr_file.h"
@@ -178,16 +179,13 @@ static void damaged_files_are_refused(void)
     sample_finish(&sample);
 }
 
-int main(void)
+static void tests(void)
 {
-    struct nacre_error error = {0};
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
-        (void)fprintf(stderr, "%s\n", error.text);
-        return 1;
-    }
-    UNITY_BEGIN();
     RUN_TEST(files_hold_planes_of_few_values);
     RUN_TEST(damaged_files_are_refused);
-    opencl_close(&opencl);
-    return UNITY_END();
+}
+
+int main(void)
+{
+    return device_tests(__FILE__, &opencl, tests);
 }

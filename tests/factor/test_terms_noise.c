@@ -1,5 +1,6 @@
 /* What fitting noise gains, and the runs that it ends. */
 #include "bench.h"
+#include "device.h"
 #include "recipe.h"
 #include "stage.h"
 
@@ -225,17 +226,14 @@ static void a_run_without_noise_goes_on(void)
     sample_finish(&sample);
 }
 
-int main(void)
+static void tests(void)
 {
-    struct nacre_error error = {0};
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
-        (void)fprintf(stderr, "%s\n", error.text);
-        return 1;
-    }
-    UNITY_BEGIN();
     RUN_TEST(fitting_noise_gains_its_projection);
     RUN_TEST(a_run_ends_where_what_is_left_is_noise);
     RUN_TEST(a_run_without_noise_goes_on);
-    opencl_close(&opencl);
-    return UNITY_END();
+}
+
+int main(void)
+{
+    return device_tests(__FILE__, &opencl, tests);
 }

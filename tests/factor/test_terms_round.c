@@ -1,5 +1,6 @@
 /* Rounding planes: levels that change a point's light less than the nearest ones. */
 #include "bench.h"
+#include "device.h"
 #include "recipe.h"
 #include "stage.h"
 
@@ -138,16 +139,13 @@ static void one_term_alone_has_the_nearest_levels(void)
     sample_finish(&sample);
 }
 
-int main(void)
+static void tests(void)
 {
-    struct nacre_error error = {0};
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
-        (void)fprintf(stderr, "%s\n", error.text);
-        return 1;
-    }
-    UNITY_BEGIN();
     RUN_TEST(one_term_makes_up_for_what_another_loses);
     RUN_TEST(one_term_alone_has_the_nearest_levels);
-    opencl_close(&opencl);
-    return UNITY_END();
+}
+
+int main(void)
+{
+    return device_tests(__FILE__, &opencl, tests);
 }

@@ -1,5 +1,6 @@
 /* Steps with a kernel per term against double precision, and their state. */
 #include "bench.h"
+#include "device.h"
 #include "recipe.h"
 #include "stage.h"
 
@@ -423,20 +424,17 @@ static void a_saved_state_goes_on(void)
     expect_to_go_on(27, 26, 1, 25, true); /* most steps are on the middle of the window */
 }
 
-int main(void)
+static void tests(void)
 {
-    struct nacre_error error = {0};
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
-        (void)fprintf(stderr, "%s\n", error.text);
-        return 1;
-    }
-    UNITY_BEGIN();
     RUN_TEST(the_objective_is_that_of_the_planes_and_kernels);
     RUN_TEST(a_step_is_that_of_double_precision);
     RUN_TEST(steps_within_reach_know_of_what_is_beyond);
     RUN_TEST(what_lies_beyond_reach_counts_in_the_objective);
     RUN_TEST(kernels_beyond_reach_stay);
     RUN_TEST(a_saved_state_goes_on);
-    opencl_close(&opencl);
-    return UNITY_END();
+}
+
+int main(void)
+{
+    return device_tests(__FILE__, &opencl, tests);
 }

@@ -1,5 +1,6 @@
 /* The update kernels against the double-precision reference, and what they promise of any run. */
 #include "bench.h"
+#include "device.h"
 
 #include "factor/layout.h"
 #include "factor/random.h"
@@ -423,14 +424,8 @@ static void factors_written_are_read_back(void)
     sample_finish(&sample);
 }
 
-int main(void)
+static void tests(void)
 {
-    struct nacre_error error = {0};
-    UNITY_BEGIN();
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
-        (void)fprintf(stderr, "SKIP: %s\n", error.text);
-        return 77;
-    }
     RUN_TEST(one_iteration_agrees_with_double_precision);
     RUN_TEST(every_tile_gives_the_same_result);
     RUN_TEST(no_tile_changes_a_bit);
@@ -445,6 +440,9 @@ int main(void)
     RUN_TEST(data_made_by_the_model_is_recovered);
     RUN_TEST(regularising_raises_each_update_to_a_power);
     RUN_TEST(factors_written_are_read_back);
-    opencl_close(&opencl);
-    return UNITY_END();
+}
+
+int main(void)
+{
+    return device_tests(__FILE__, &opencl, tests);
 }

@@ -6,6 +6,7 @@
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unity.h>
 
 /* One entry of a sample as it is visited: light enters at (x, y) and leaves at (x + dx, y + dy). */
 struct entry {
@@ -362,6 +363,17 @@ const struct hard_case hard_cases[] = {
      make_negative, 0},
 };
 const size_t hard_case_count = sizeof hard_cases / sizeof *hard_cases;
+
+const struct hard_case *hard_case_of(const char *name)
+{
+    for (size_t i = 0; i < hard_case_count; i++) {
+        if (strcmp(hard_cases[i].name, name) == 0) {
+            return &hard_cases[i];
+        }
+    }
+    TEST_FAIL_MESSAGE(name);
+    return NULL;
+}
 
 struct sample hard_sample(const struct hard_case *hard)
 {

@@ -20,6 +20,9 @@ struct hard_case {
 extern const struct hard_case hard_cases[];
 extern const size_t hard_case_count;
 
+/* By its name; ends the test where there is none. */
+const struct hard_case *hard_case_of(const char *name);
+
 /* Its responses; the caller calls sample_finish. */
 struct sample hard_sample(const struct hard_case *hard);
 

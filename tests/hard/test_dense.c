@@ -1,6 +1,7 @@
 /* The outside check: the paper's updates against dense, general matrices in double precision. */
 #include "bench.h"
 #include "dense.h"
+#include "device.h"
 
 #include "factor/layout.h"
 #include "factor/update.h"
@@ -132,16 +133,13 @@ static void updates_with_missing_entries_agree_with_dense_matrices(void)
     sample_finish(&sample);
 }
 
-int main(void)
+static void tests(void)
 {
-    struct nacre_error error = {0};
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
-        (void)fprintf(stderr, "%s\n", error.text);
-        return 1;
-    }
-    UNITY_BEGIN();
     RUN_TEST(updates_agree_with_dense_matrices);
     RUN_TEST(updates_with_missing_entries_agree_with_dense_matrices);
-    opencl_close(&opencl);
-    return UNITY_END();
+}
+
+int main(void)
+{
+    return device_tests(__FILE__, &opencl, tests);
 }

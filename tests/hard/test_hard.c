@@ -2,13 +2,13 @@
 #include "run.h"
 
 #include "bench.h"
+#include "device.h"
 
 #include "factor/layout.h"
 
 #include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
-#include <string.h>
 #include <unity.h>
 
 static struct opencl opencl;
@@ -106,17 +106,6 @@ static void run_cases(void)
     }
 }
 
-static const struct hard_case *case_of(const char *name)
-{
-    for (size_t i = 0; i < hard_case_count; i++) {
-        if (strcmp(hard_cases[i].name, name) == 0) {
-            return &hard_cases[i];
-        }
-    }
-    TEST_FAIL_MESSAGE(name);
-    return NULL;
-}
-
 static void assert_same_bits(const struct hard_case *hard, bool dirty)
 {
     struct sample sample = hard_sample(hard);
@@ -149,7 +138,7 @@ static void what_stands_behind_the_mask_influences_nothing(void)
     for (int m = 0; m < 2; m++) {
         how = (struct hard_how){.method = m ? FACTOR_METHOD_MU : FACTOR_METHOD_HALS};
         for (size_t i = 0; i < sizeof names / sizeof *names; i++) {
-            assert_same_bits(case_of(names[i]), true);
+            assert_same_bits(hard_case_of(names[i]), true);
         }
     }
 }
@@ -157,7 +146,8 @@ static void what_stands_behind_the_mask_influences_nothing(void)
 /* Responses of points beside a hole are factored as well as before: their neighbours' loss does them no harm. */
 static void missing_responses_leave_their_neighbours_unharmed(void)
 {
-    const struct hard_case *ordinary = case_of("ordinary"), *holes = case_of("responses missing");
+    const struct hard_case *ordinary = hard_case_of("ordinary"),
+                           *holes = hard_case_of("responses missing");
     for (int m = 0; m < 2; m++) {
         struct sample whole = hard_sample(ordinary), part = hard_sample(holes);
         struct nacre_material a = {0}, b = {0};
@@ -181,7 +171,7 @@ static void missing_responses_leave_their_neighbours_unharmed(void)
 static void a_power_of_two_changes_no_bit(void)
 {
     static const int exponents[] = {-100, -17, 1, 17, 100};
-    const struct hard_case *hard = case_of("ordinary");
+    const struct hard_case *hard = hard_case_of("ordinary");
     for (int m = 0; m < 2; m++) {
         size_t count = 0, changed = 0;
         struct sample plain = hard_sample(hard);
@@ -204,7 +194,7 @@ static void a_power_of_two_changes_no_bit(void)
 static void any_scale_gives_the_same_error(void)
 {
     static const float scales[] = {1e-30F, 1e-5F, 3, 1e5F, 1e30F};
-    const struct hard_case *hard = case_of("ordinary");
+    const struct hard_case *hard = hard_case_of("ordinary");
     for (int m = 0; m < 2; m++) {
         double expected = 0;
         how = (struct hard_how){.method = m ? FACTOR_METHOD_MU : FACTOR_METHOD_HALS};
@@ -231,7 +221,7 @@ static void the_objective_of_relative_errors_is_theirs(void)
 {
     static const char *const names[] = {"ordinary", "dark channel", "entries missing", "vein"};
     for (size_t i = 0; i < 2 * sizeof names / sizeof *names; i++) {
-        const struct hard_case *hard = case_of(names[i / 2]);
+        const struct hard_case *hard = hard_case_of(names[i / 2]);
         struct sample sample = hard_sample(hard);
         struct nacre_material material = {0};
         struct factor_summary summary = {0};
@@ -254,18 +244,12 @@ static void the_objective_of_relative_errors_is_theirs(void)
 static void extrapolation_that_overshoots_is_taken_back(void)
 {
     how = (struct hard_how){.method = FACTOR_METHOD_HALS};
-    struct hard_figures f = hard_run(case_of("alternating columns"), &opencl, how);
+    struct hard_figures f = hard_run(hard_case_of("alternating columns"), &opencl, how);
     TEST_ASSERT_TRUE(f.refusals > 0);
 }
 
-int main(void)
+static void tests(void)
 {
-    struct nacre_error error = {0};
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
-        (void)fprintf(stderr, "%s\n", error.text);
-        return 1;
-    }
-    UNITY_BEGIN();
     run_cases();
     RUN_TEST(the_same_seed_gives_the_same_bits);
     RUN_TEST(what_stands_behind_the_mask_influences_nothing);
@@ -274,6 +258,9 @@ int main(void)
     RUN_TEST(any_scale_gives_the_same_error);
     RUN_TEST(the_objective_of_relative_errors_is_theirs);
     RUN_TEST(extrapolation_that_overshoots_is_taken_back);
-    opencl_close(&opencl);
-    return UNITY_END();
+}
+
+int main(void)
+{
+    return device_tests(__FILE__, &opencl, tests);
 }

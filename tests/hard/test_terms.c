@@ -1,6 +1,7 @@
 /* Each hard case with a kernel per term, and those that are hard for it alone. */
 #include "terms_run.h"
 
+#include "device.h"
 #include "run.h"
 
 #include <math.h>
@@ -79,22 +80,11 @@ static void run_cases(void)
     }
 }
 
-static const struct hard_case *case_of(const char *name)
-{
-    for (size_t i = 0; i < hard_case_count; i++) {
-        if (strcmp(hard_cases[i].name, name) == 0) {
-            return &hard_cases[i];
-        }
-    }
-    TEST_FAIL_MESSAGE(name);
-    return NULL;
-}
-
 /* A term that is 0 stays so, as does all else: the other two go where two go that start as they do. Terms are taken in
  * twos, so sums of two and of three run alike but for their roundings, which forty steps can make 1e-3 of. */
 static void a_dead_term_does_no_harm(void)
 {
-    const struct hard_case *hard = case_of("ordinary");
+    const struct hard_case *hard = hard_case_of("ordinary");
     struct hard_terms_figures f = hard_terms_run(hard, &opencl, HARD_DEAD, 3, 0);
     check_figures(&f);
     TEST_ASSERT_TRUE(f.objective < 0.5 * f.energy);
@@ -104,7 +94,7 @@ static void a_dead_term_does_no_harm(void)
  * other: it is better. */
 static void identical_terms_part(void)
 {
-    const struct hard_case *hard = case_of("ordinary");
+    const struct hard_case *hard = hard_case_of("ordinary");
     struct hard_terms_figures one = hard_terms_run(hard, &opencl, HARD_AS_FOUND, 1, 0);
     struct hard_terms_figures two = hard_terms_run(hard, &opencl, HARD_IDENTICAL, 2, 0);
     check_figures(&two);
@@ -114,7 +104,7 @@ static void identical_terms_part(void)
 /* More terms than there are points are no worse than one. */
 static void more_terms_than_points_do_no_harm(void)
 {
-    const struct hard_case *hard = case_of("terms above points");
+    const struct hard_case *hard = hard_case_of("terms above points");
     struct hard_terms_figures one = hard_terms_run(hard, &opencl, HARD_AS_FOUND, 1, 0);
     struct hard_terms_figures many = hard_terms_run(hard, &opencl, HARD_AS_FOUND, 0, 0);
     TEST_ASSERT_TRUE(many.objective <= one.objective);
@@ -124,7 +114,7 @@ static void more_terms_than_points_do_no_harm(void)
  * come farther than such that each visit all. */
 static void steps_on_the_middle_of_the_window_stay_stable(void)
 {
-    struct hard_case wide = *case_of("ordinary");
+    struct hard_case wide = *hard_case_of("ordinary");
     wide.window = 25;
     wide.width = 20;
     struct hard_terms_figures f = hard_terms_run(&wide, &opencl, HARD_RECIPROCAL, 0, 12);
@@ -176,32 +166,29 @@ static struct stored store(struct hard_case hard, int bits)
  * which is a 127th of a value at most where it is a quarter of the largest or more. */
 static void bits_of_planes_are_told_to_be_too_few_or_chosen(void)
 {
-    struct hard_case dark = *case_of("ordinary");
+    struct hard_case dark = *hard_case_of("ordinary");
     dark.change = darken_half;
     struct stored coarse = store(dark, 8), chosen = store(dark, FACTOR_BITS_AUTO);
     TEST_ASSERT_TRUE(coarse.warned);
     TEST_ASSERT_FALSE(chosen.warned);
     TEST_ASSERT_EQUAL_INT(0, chosen.bits);
     TEST_ASSERT_TRUE(chosen.error < 0.25 * coarse.error);
-    chosen = store(*case_of("negative values"), FACTOR_BITS_AUTO);
+    chosen = store(*hard_case_of("negative values"), FACTOR_BITS_AUTO);
     TEST_ASSERT_EQUAL_INT(8, chosen.bits);
-    TEST_ASSERT_FALSE(store(*case_of("ordinary"), 8).warned);
+    TEST_ASSERT_FALSE(store(*hard_case_of("ordinary"), 8).warned);
 }
 
-int main(void)
+static void tests(void)
 {
-    struct nacre_error error = {0};
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
-        (void)fprintf(stderr, "%s\n", error.text);
-        return 1;
-    }
-    UNITY_BEGIN();
     run_cases();
     RUN_TEST(a_dead_term_does_no_harm);
     RUN_TEST(identical_terms_part);
     RUN_TEST(more_terms_than_points_do_no_harm);
     RUN_TEST(steps_on_the_middle_of_the_window_stay_stable);
     RUN_TEST(bits_of_planes_are_told_to_be_too_few_or_chosen);
-    opencl_close(&opencl);
-    return UNITY_END();
+}
+
+int main(void)
+{
+    return device_tests(__FILE__, &opencl, tests);
 }

@@ -4,6 +4,7 @@
 #include "factor/layout.h"
 #include "study/tradeoff_front.h"
 #include "study/tradeoff_plan.h"
+#include "tests/factor/device.h"
 #include "tests/factor/paced.h"
 #include "tests/factor/sample.h"
 #include "tests/nacre/scratch.h"
@@ -604,14 +605,8 @@ static void two_studies_take_turns_in_a_folder(void)
     free((char *)request.folder);
 }
 
-int main(void)
+static void tests(void)
 {
-    struct nacre_error error = {0};
-    if (opencl_open(NULL, &opencl, &error) != NACRE_OK) {
-        (void)fprintf(stderr, "%s\n", error.text);
-        return 1;
-    }
-    UNITY_BEGIN();
     RUN_TEST(a_front_holds_what_nothing_beats);
     RUN_TEST(an_empty_study_has_no_front);
     RUN_TEST(the_plan_begins_cheaply_with_every_model_and_method);
@@ -632,6 +627,9 @@ int main(void)
     RUN_TEST(a_folder_that_cannot_be_written_is_refused);
     RUN_TEST(all_files_appear_or_none);
     RUN_TEST(two_studies_take_turns_in_a_folder);
-    opencl_close(&opencl);
-    return UNITY_END();
+}
+
+int main(void)
+{
+    return device_tests(__FILE__, &opencl, tests);
 }
