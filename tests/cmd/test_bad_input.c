@@ -17,8 +17,7 @@
 
 enum { FAILED = 1, WRONG_USAGE = 2, PATHS = 32 };
 
-/* The program, and the inputs of all cases. */
-static const char *nacre;
+/* The inputs of all cases. */
 static char *inputs;
 static bool can_mount;
 
@@ -97,7 +96,7 @@ static void refuses_under(const struct circumstances *around, int status, const 
 }
 
 #define REFUSES_UNDER(around, status, named, ...)                                                  \
-    refuses_under(around, status, named, (const char *const[]){nacre, __VA_ARGS__, NULL})
+    refuses_under(around, status, named, (const char *const[]){NACRE, __VA_ARGS__, NULL})
 #define REFUSES(status, named, ...) REFUSES_UNDER(NULL, status, named, __VA_ARGS__)
 
 /* Scans and materials. */
@@ -475,7 +474,7 @@ static void a_full_disk_leaves_what_was_there(void)
 
 /* Inputs of all cases. */
 
-#define RUN(...) spawn_or_abort((const char *const[]){nacre, __VA_ARGS__, NULL})
+#define RUN(...) spawn_or_abort((const char *const[]){NACRE, __VA_ARGS__, NULL})
 
 static void make_inputs(void)
 {
@@ -506,13 +505,8 @@ static void make_damaged_inputs(void)
     made_truncate(material, input("material-cut-middle.exr"), 0.5);
 }
 
-int main(int argc, char **argv)
+int main(void)
 {
-    if (argc != 3) {
-        (void)fprintf(stderr, "usage: %s NACRE SOURCES\n", argv[0]);
-        return 2;
-    }
-    nacre = argv[1];
     can_mount = mounts_enter();
     inputs = folder_make();
     make_inputs();

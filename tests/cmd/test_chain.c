@@ -13,7 +13,6 @@
 #include <stdlib.h>
 #include <unity.h>
 
-static const char *nacre;
 static char *folder, *scan_path, *exact_path, *material_path;
 
 void setUp(void)
@@ -24,7 +23,7 @@ void tearDown(void)
 {
 }
 
-#define RUN(...) spawn_or_abort((const char *const[]){nacre, __VA_ARGS__, NULL})
+#define RUN(...) spawn_or_abort((const char *const[]){NACRE, __VA_ARGS__, NULL})
 
 /* Scan, develop, factor; and the exact responses. */
 static void go_the_whole_way(void)
@@ -183,7 +182,7 @@ static void the_error_verb_tells_the_same(void)
 {
     struct nacre_material material = read_material();
     struct difference factored = differ(&material, true, 0);
-    const char *const arguments[] = {nacre, "error", exact_path, material_path, "--json", NULL};
+    const char *const arguments[] = {NACRE, "error", exact_path, material_path, "--json", NULL};
     struct spawned run = spawn(arguments, NULL);
     json_t *root = json_loads(run.output, 0, NULL);
     double minimum = 0;
@@ -202,13 +201,8 @@ static void the_error_verb_tells_the_same(void)
     nacre_material_finish(&material);
 }
 
-int main(int argc, char **argv)
+int main(void)
 {
-    if (argc != 3) {
-        (void)fprintf(stderr, "usage: %s NACRE SOURCES\n", argv[0]);
-        return 2;
-    }
-    nacre = argv[1];
     folder = folder_make();
     scan_path = path_join(folder, "scan.exr");
     exact_path = path_join(folder, "exact.exr");

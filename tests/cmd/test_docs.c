@@ -11,8 +11,6 @@
 #include <unistd.h>
 #include <unity.h>
 
-static const char *nacre, *root;
-
 void setUp(void)
 {
 }
@@ -58,8 +56,8 @@ static int is_markdown(const struct dirent *entry)
 
 static void for_all_files(void (*visit)(const char *path))
 {
-    char *folder = path_join(root, "docs");
-    char *readme = path_join(root, "README.md");
+    char *folder = path_join(SOURCES, "docs");
+    char *readme = path_join(SOURCES, "README.md");
     struct dirent **entries = NULL;
     int count = scandir(folder, &entries, is_markdown, alphasort);
     TEST_ASSERT_TRUE_MESSAGE(count > 0, folder);
@@ -78,7 +76,7 @@ static void for_all_files(void (*visit)(const char *path))
 /* The help of a verb, heap; NULL when there is no such verb. */
 static char *help_of(const char *verb)
 {
-    const char *const arguments[] = {nacre, verb, "--help", NULL};
+    const char *const arguments[] = {NACRE, verb, "--help", NULL};
     struct spawned run = spawn(arguments, NULL);
     char *text = run.status == 0 ? strdup(run.output) : NULL;
     spawned_finish(&run);
@@ -166,9 +164,9 @@ static void links_in_the_documentation_lead_somewhere(void)
 /* `nacre --help` lists verbs as "  NAME  summary"; README's table of verbs has a row for each. */
 static void every_verb_is_in_the_readme(void)
 {
-    const char *const arguments[] = {nacre, "--help", NULL};
+    const char *const arguments[] = {NACRE, "--help", NULL};
     struct spawned run = spawn(arguments, NULL);
-    char *path = path_join(root, "README.md");
+    char *path = path_join(SOURCES, "README.md");
     size_t size = 0;
     char *readme = (char *)file_read(path, &size);
     char *rest = run.output;
@@ -190,14 +188,8 @@ static void every_verb_is_in_the_readme(void)
     spawned_finish(&run);
 }
 
-int main(int argc, char **argv)
+int main(void)
 {
-    if (argc != 3) {
-        (void)fprintf(stderr, "usage: %s NACRE SOURCES\n", argv[0]);
-        return 2;
-    }
-    nacre = argv[1];
-    root = argv[2];
     UNITY_BEGIN();
     RUN_TEST(verbs_and_options_in_the_documentation_exist);
     RUN_TEST(links_in_the_documentation_lead_somewhere);

@@ -8,7 +8,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-static const char *program;
 static char *folder, *station;
 static struct spawned ran;
 
@@ -28,7 +27,7 @@ void tearDown(void)
 
 static void visit(const char *more)
 {
-    const char *const arguments[] = {program,   "doctor", "--station", station,
+    const char *const arguments[] = {NACRE,     "doctor", "--station", station,
                                      "--flips", "12",     more,        NULL};
     ran = spawn(arguments, NULL);
 }
@@ -118,15 +117,13 @@ static void nothing_is_stored_of_virtual_devices(void)
 
 static void station_is_needed(void)
 {
-    const char *const arguments[] = {program, "doctor", NULL};
+    const char *const arguments[] = {NACRE, "doctor", NULL};
     ran = spawn(arguments, NULL);
     TEST_ASSERT_EQUAL_INT(2, ran.status);
 }
 
-int main(int argc, char **argv)
+int main(void)
 {
-    (void)argc;
-    program = argv[1];
     UNITY_BEGIN();
     RUN_TEST(virtual_station_is_well_and_its_latency_is_found);
     RUN_TEST(checks_are_told_one_a_line);

@@ -12,7 +12,6 @@
 #include <unistd.h>
 #include <unity.h>
 
-static const char *nacre;
 static char *folder, *scan, *material, *checkpoint;
 
 void setUp(void)
@@ -33,7 +32,7 @@ void tearDown(void)
 }
 
 #define RUN(around, ...)                                                                           \
-    spawn((const char *const[]){nacre, "factor", scan, "-o", material, __VA_ARGS__, NULL}, around)
+    spawn((const char *const[]){NACRE, "factor", scan, "-o", material, __VA_ARGS__, NULL}, around)
 
 static void expect_status(const struct spawned *run, int status)
 {
@@ -173,7 +172,7 @@ static void an_explanation_comes_before_the_result(void)
  * left. */
 static void check_continues(const char *kind, const char *value, const char *const *options)
 {
-    const char *arguments[24] = {nacre, "factor", scan,           "-o",       material,
+    const char *arguments[24] = {NACRE, "factor", scan,           "-o",       material,
                                  kind,  value,    "--checkpoint", checkpoint, "--checkpoint-every",
                                  "0"};
     const struct circumstances soon = {.interrupt_path = checkpoint};
@@ -323,7 +322,7 @@ static void a_smaller_window_counts_what_it_leaves_out(void)
     TEST_ASSERT_TRUE(error <= hypot(left_out(), 0.05));
     json_decref(object);
     spawned_finish(&run);
-    run = spawn((const char *const[]){nacre, "error", scan, material, "--json", NULL}, NULL);
+    run = spawn((const char *const[]){NACRE, "error", scan, material, "--json", NULL}, NULL);
     expect_status(&run, 0);
     object = told_parse(run.output);
     TEST_ASSERT_EQUAL_DOUBLE(error, told_number(object, "error.mean"));
@@ -343,13 +342,8 @@ static void windows_that_are_not_in_the_scan_are_refused(void)
     }
 }
 
-int main(int argc, char **argv)
+int main(void)
 {
-    if (argc != 3) {
-        (void)fprintf(stderr, "usage: %s NACRE SOURCES\n", argv[0]);
-        return 2;
-    }
-    nacre = argv[1];
     UNITY_BEGIN();
     RUN_TEST(an_error_is_held_by_what_is_in_the_file);
     RUN_TEST(an_error_out_of_reach_is_a_failure_that_leaves_the_best);

@@ -14,7 +14,6 @@
 
 enum { STOPPED = 130 };
 
-static const char *nacre;
 static char *folder;
 
 void setUp(void)
@@ -32,7 +31,7 @@ static struct spawned run(const struct circumstances *around, const char *const 
     return spawn(arguments, around);
 }
 
-#define RUN(around, ...) run(around, (const char *const[]){nacre, __VA_ARGS__, NULL})
+#define RUN(around, ...) run(around, (const char *const[]){NACRE, __VA_ARGS__, NULL})
 
 static bool has_temporary_files(void)
 {
@@ -119,13 +118,8 @@ static void a_stopped_scan_resumes_to_what_it_would_have_been(void)
     free(seventh);
 }
 
-int main(int argc, char **argv)
+int main(void)
 {
-    if (argc != 3) {
-        (void)fprintf(stderr, "usage: %s NACRE SOURCES\n", argv[0]);
-        return 2;
-    }
-    nacre = argv[1];
     UNITY_BEGIN();
     RUN_TEST(a_stopped_factorization_leaves_a_whole_material);
     RUN_TEST(a_stopped_scan_resumes_to_what_it_would_have_been);

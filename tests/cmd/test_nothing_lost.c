@@ -70,7 +70,6 @@ struct landings {
     int measured, taken_over; /* patterns: by the runs that came to their end, and by runs before */
 };
 
-static const char *nacre;
 static bool can_mount;
 static char *folder;
 static struct truth quiet, noisy;
@@ -107,14 +106,14 @@ static struct spawned scan(const char *session, const struct truth *truth,
 {
     bool begun = access(session, F_OK) == 0;
     const char *const arguments[] = {
-        nacre, "scan", session, "--station", truth->station, "--json", begun ? "--resume" : NULL,
+        NACRE, "scan", session, "--station", truth->station, "--json", begun ? "--resume" : NULL,
         NULL};
     return spawn(arguments, around);
 }
 
 static void develop(const char *session, const char *output)
 {
-    const char *const arguments[] = {nacre, "develop", session, "-o", output, "--quiet", NULL};
+    const char *const arguments[] = {NACRE, "develop", session, "-o", output, "--quiet", NULL};
     struct spawned run = spawn(arguments, NULL);
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, run.status, run.errors);
     spawned_finish(&run);
@@ -390,13 +389,8 @@ static void finish_truth(struct truth *truth)
     free(truth->developed);
 }
 
-int main(int argc, char **argv)
+int main(void)
 {
-    if (argc != 3) {
-        (void)fprintf(stderr, "usage: %s NACRE SOURCES\n", argv[0]);
-        return 2;
-    }
-    nacre = argv[1];
     can_mount = mounts_enter();
     folder = folder_make();
     char *plan_path = path_join(folder, "plan.yaml");

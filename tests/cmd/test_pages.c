@@ -14,7 +14,7 @@
 
 enum { SKIPPED = 77, HEIGHT = 1400 };
 
-static const char *nacre, *browser;
+static const char *browser;
 static char *folder, *study, *report;
 
 void setUp(void)
@@ -142,27 +142,22 @@ static void make_pages(void)
     char *to = path_join(folder, "study");
     made_scan_write(scan);
     spawn_or_abort(
-        (const char *const[]){nacre, "tradeoff", scan, "-o", to, "--budget", "3s", NULL});
+        (const char *const[]){NACRE, "tradeoff", scan, "-o", to, "--budget", "3s", NULL});
     spawn_or_abort(
-        (const char *const[]){nacre, "factor", scan, "-o", material, "-t", "2", "-k", "2", NULL});
-    spawn_or_abort((const char *const[]){nacre, "report", scan, material, "-o", report, NULL});
+        (const char *const[]){NACRE, "factor", scan, "-o", material, "-t", "2", "-k", "2", NULL});
+    spawn_or_abort((const char *const[]){NACRE, "report", scan, material, "-o", report, NULL});
     free(scan);
     free(material);
     free(to);
 }
 
-int main(int argc, char **argv)
+int main(void)
 {
-    if (argc != 3) {
-        (void)fprintf(stderr, "usage: %s NACRE SOURCES\n", argv[0]);
-        return 2;
-    }
     browser = find_browser();
     if (!browser) {
         (void)fprintf(stderr, "skipped: there is no Chromium to show pages; install chromium\n");
         return SKIPPED;
     }
-    nacre = argv[1];
     folder = folder_make();
     make_pages();
     UNITY_BEGIN();

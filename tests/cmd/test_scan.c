@@ -10,7 +10,6 @@
 /* Of the plan: 2 white, 4 dots, 16 black. */
 enum { CALIBRATION = 6, ALL = CALIBRATION + 16 + STATION_GRIDS, EXPOSURES = 3 };
 
-static const char *program;
 static char *folder, *station, *first, *second;
 static struct spawned ran;
 static json_t *result;
@@ -29,7 +28,7 @@ void tearDown(void)
 
 static void scan(const char *session, const char *option, const char *value)
 {
-    const char *const arguments[] = {program,  "scan", session, "--station", station,
+    const char *const arguments[] = {NACRE,    "scan", session, "--station", station,
                                      "--json", option, value,   NULL};
     ran = spawn(arguments, NULL);
     if (ran.status == 0) {
@@ -72,7 +71,7 @@ static void time_of_a_scan_is_accounted_for(void)
 
 static void dry_run_leaves_out_what_is_taken_over(void)
 {
-    const char *const arguments[] = {program,     "scan",          second, "--station", station,
+    const char *const arguments[] = {NACRE,       "scan",          second, "--station", station,
                                      "--dry-run", "--calibration", first,  "--json",    NULL};
     ran = spawn(arguments, NULL);
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, ran.status, ran.errors);
@@ -111,10 +110,8 @@ static void calibration_of_another_station_is_refused(void)
     free(third);
 }
 
-int main(int argc, char **argv)
+int main(void)
 {
-    (void)argc;
-    program = argv[1];
     folder = folder_make();
     stations_write(folder);
     station = path_join(folder, "station.yaml");

@@ -14,7 +14,6 @@
 #include <unistd.h>
 #include <unity.h>
 
-static const char *nacre;
 static char *folder, *scan, *material;
 
 void setUp(void)
@@ -25,7 +24,7 @@ void tearDown(void)
 {
 }
 
-#define RUN(...) told_well((const char *const[]){nacre, __VA_ARGS__, NULL})
+#define RUN(...) told_well((const char *const[]){NACRE, __VA_ARGS__, NULL})
 
 static json_t *parse(char *text)
 {
@@ -118,29 +117,16 @@ static void the_same_seed_gives_the_same_factors(void)
     }
 }
 
-static char *bytes_of(const char *path, size_t *size)
-{
-    char *bytes = NULL;
-    FILE *file = fopen(path, "rb");
-    TEST_ASSERT_NOT_NULL(file);
-    FILE *memory = open_memstream(&bytes, size);
-    TEST_ASSERT_NOT_NULL(memory);
-    for (int c = fgetc(file); c != EOF; c = fgetc(file)) {
-        (void)fputc(c, memory);
-    }
-    (void)fclose(file);
-    (void)fclose(memory);
-    return bytes;
-}
-
 static void with_a_source_date_two_runs_give_the_same_file(void)
 {
-    char *path = path_join(folder, "dated.exr"), *bytes[2] = {NULL};
+    char *path = path_join(folder, "dated.exr");
+    uint8_t *bytes[2] = {NULL};
     size_t sizes[2] = {0};
     TEST_ASSERT_EQUAL_INT(0, setenv("SOURCE_DATE_EPOCH", "1", 1));
     for (int i = 0; i < 2; i++) {
         free(RUN("factor", scan, "-o", path, "--terms", "2", "--iterations", "5", "--json"));
-        bytes[i] = bytes_of(path, &sizes[i]);
+        bytes[i] = file_read(path, &sizes[i]);
+        TEST_ASSERT_NOT_NULL(bytes[i]);
     }
     TEST_ASSERT_EQUAL_INT(0, unsetenv("SOURCE_DATE_EPOCH"));
     TEST_ASSERT_EQUAL_UINT64(sizes[0], sizes[1]);
@@ -214,7 +200,7 @@ static void a_rendering_that_cannot_be_in_time_is_told(void)
     char *scene = path_join(folder, "scene.yaml");
     char *picture = path_join(folder, "late.exr");
     stations_write_scene(scene, material);
-    const char *const late[] = {nacre,      "render", scene,     "-o", picture,
+    const char *const late[] = {NACRE,      "render", scene,     "-o", picture,
                                 "--within", "1ms",    "--quiet", NULL};
     struct spawned run = spawn(late, NULL);
     TEST_ASSERT_EQUAL_INT(1, run.status);
@@ -324,13 +310,8 @@ static void scan_explains_what_a_station_simulates(void)
     free(station);
 }
 
-int main(int argc, char **argv)
+int main(void)
 {
-    if (argc != 3) {
-        (void)fprintf(stderr, "usage: %s NACRE SOURCES\n", argv[0]);
-        return 2;
-    }
-    nacre = argv[1];
     folder = folder_make();
     scan = path_join(folder, "scan.exr");
     material = path_join(folder, "material.exr");

@@ -7,7 +7,6 @@
 #include <string.h>
 #include <unity.h>
 
-static const char *nacre;
 static char *folder;
 
 void setUp(void)
@@ -39,7 +38,7 @@ static uint8_t *simulate(const char *tolerance, const char *seed, const char *so
 {
     char *sample = path_join(folder, "sample.yaml");
     char *output = path_join(folder, "scan.exr");
-    const char *const arguments[] = {nacre,
+    const char *const arguments[] = {NACRE,
                                      "simulate",
                                      sample,
                                      "-w",
@@ -129,7 +128,7 @@ static void sessions_do_not_depend_on_threads(void)
                "           hot_per_s: 40}\n");
     for (int i = 0; i < 2; i++) {
         set_threads(i == 0 ? "1" : "3");
-        const char *const arguments[] = {nacre,   "scan",    sessions[i], "--station",
+        const char *const arguments[] = {NACRE,   "scan",    sessions[i], "--station",
                                          station, "--quiet", NULL};
         struct spawned run = spawn(arguments, NULL);
         TEST_ASSERT_EQUAL_INT_MESSAGE(0, run.status, run.errors);
@@ -141,13 +140,8 @@ static void sessions_do_not_depend_on_threads(void)
     free(sessions[1]);
 }
 
-int main(int argc, char **argv)
+int main(void)
 {
-    if (argc != 3) {
-        (void)fprintf(stderr, "usage: %s NACRE SOURCES\n", argv[0]);
-        return 2;
-    }
-    nacre = argv[1];
     UNITY_BEGIN();
     RUN_TEST(scans_of_each_solver_do_not_depend_on_threads);
     RUN_TEST(sessions_do_not_depend_on_threads);

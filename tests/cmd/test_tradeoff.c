@@ -10,7 +10,6 @@
 #include <unistd.h>
 #include <unity.h>
 
-static char *nacre;
 static char *folder, *scan, *output;
 
 void setUp(void)
@@ -24,7 +23,7 @@ void tearDown(void)
 static struct spawned study(const char *input, const char *to, const char *budget,
                             const struct circumstances *around)
 {
-    const char *const arguments[] = {nacre,      "tradeoff", input,    "-o", to,
+    const char *const arguments[] = {NACRE,      "tradeoff", input,    "-o", to,
                                      "--budget", budget,     "--json", NULL};
     return spawn(arguments, around);
 }
@@ -34,7 +33,7 @@ static double paste(const char *command)
 {
     char *line = NULL;
     TEST_ASSERT_EQUAL_INT(0, strncmp(command, "nacre ", 6));
-    if (asprintf(&line, "cd '%s' && '%s' %s --json", folder, nacre, command + 6) < 0) {
+    if (asprintf(&line, "cd '%s' && '%s' %s --json", folder, NACRE, command + 6) < 0) {
         abort();
     }
     const char *const arguments[] = {"/bin/sh", "-c", line, NULL};
@@ -144,17 +143,8 @@ static void stopping_leaves_what_was_found(void)
     free(stopped);
 }
 
-int main(int argc, char **argv)
+int main(void)
 {
-    if (argc != 3) {
-        (void)fprintf(stderr, "usage: %s NACRE SOURCES\n", argv[0]);
-        return 2;
-    }
-    nacre = realpath(argv[1], NULL); /* as commands are pasted in another folder */
-    if (!nacre) {
-        perror(argv[1]);
-        return 2;
-    }
     folder = folder_make();
     scan = path_join(folder, "it's a scan.exr");
     output = path_join(folder, "study");
@@ -166,7 +156,6 @@ int main(int argc, char **argv)
     RUN_TEST(stopping_leaves_what_was_found);
     free(scan);
     free(output);
-    free(nacre);
     folder_remove(folder);
     return UNITY_END();
 }

@@ -12,7 +12,6 @@
 
 enum { WIDTH = 96, HEIGHT = 80 };
 
-static const char *program;
 static char *folder, *station, *output;
 static struct spawned ran;
 static json_t *result;
@@ -39,7 +38,7 @@ void tearDown(void)
 static void view(const char *pattern, const char *exposure)
 {
     const char *const arguments[] = {
-        program,  "view",   "--station", station, "-o",
+        NACRE,    "view",   "--station", station, "-o",
         output,   "--json", "--pattern", pattern, exposure ? "--exposure" : NULL,
         exposure, NULL};
     json_decref(result);
@@ -109,9 +108,9 @@ static void region_is_what_the_projector_lights(void)
 static void region_is_known_by_calibration(void)
 {
     char *session = path_join(folder, "session");
-    const char *const scan[] = {program, "scan", session, "--station", station, NULL};
-    const char *const look[] = {program, "view",          "--station", station,  "-o",
-                                output,  "--calibration", session,     "--json", NULL};
+    const char *const scan[] = {NACRE, "scan", session, "--station", station, NULL};
+    const char *const look[] = {NACRE,  "view",          "--station", station,  "-o",
+                                output, "--calibration", session,     "--json", NULL};
     double x[4];
     double y[4];
     ran = spawn(scan, NULL);
@@ -182,7 +181,7 @@ static void grey_cameras_are_looked_through_too(void)
 
 static void values_to_keep_are_printed(void)
 {
-    const char *const arguments[] = {program, "view", "--station", station, "-o", output, NULL};
+    const char *const arguments[] = {NACRE, "view", "--station", station, "-o", output, NULL};
     ran = spawn(arguments, NULL);
     TEST_ASSERT_EQUAL_INT_MESSAGE(0, ran.status, ran.errors);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(ran.output, "keep       camera: {width: "), ran.output);
@@ -207,8 +206,7 @@ static void grids_of_regions_are_shown(void)
 
 static void picture_of_unknown_kind_is_refused(void)
 {
-    const char *const arguments[] = {program, "view",       "--station", station,
-                                     "-o",    "/tmp/x.bmp", NULL};
+    const char *const arguments[] = {NACRE, "view", "--station", station, "-o", "/tmp/x.bmp", NULL};
     ran = spawn(arguments, NULL);
     TEST_ASSERT_EQUAL_INT(1, ran.status);
     TEST_ASSERT_NOT_NULL_MESSAGE(strstr(ran.errors, "/tmp/x.bmp"), ran.errors);
@@ -216,15 +214,13 @@ static void picture_of_unknown_kind_is_refused(void)
 
 static void output_is_needed(void)
 {
-    const char *const arguments[] = {program, "view", "--station", station, NULL};
+    const char *const arguments[] = {NACRE, "view", "--station", station, NULL};
     ran = spawn(arguments, NULL);
     TEST_ASSERT_EQUAL_INT(2, ran.status);
 }
 
-int main(int argc, char **argv)
+int main(void)
 {
-    (void)argc;
-    program = argv[1];
     UNITY_BEGIN();
     RUN_TEST(region_is_what_the_projector_lights);
     RUN_TEST(region_is_known_by_calibration);
