@@ -221,11 +221,10 @@ static double note(const struct simulated *board, int turns, struct colour_lock_
     return worst_ns;
 }
 
-double colour_lock_board(const char *elf, double jitter_us, uint64_t seed,
-                         struct colour_lock_trigger *trigger)
+double colour_lock_board(double jitter_us, uint64_t seed, struct colour_lock_trigger *trigger)
 {
     double worst_ns = 0;
-    struct simulated *board = simulated_new(elf);
+    struct simulated *board = simulated_new();
     TEST_ASSERT_NOT_NULL_MESSAGE(board, "simavr cannot run the firmware");
     TEST_ASSERT_TRUE(simulated_enumerate(board));
     for (int k = 0; k < COLOUR_LOCK_KINDS; k++) {

@@ -43,9 +43,8 @@ struct colour_lock_error colour_lock_judge(const struct colour_lock_sums *sums,
 void colour_lock_free(const int64_t *off_ns, int count, uint64_t seed,
                       struct colour_lock_trigger *trigger);
 
-/* Pulses of the trigger board with the firmware `elf` in simavr, on a wheel whose index jitters by so many microseconds
+/* Pulses of the trigger board in simavr, on a wheel whose index jitters by so many microseconds
  * either way. Returns the largest error of a length, ns. */
-double colour_lock_board(const char *elf, double jitter_us, uint64_t seed,
-                         struct colour_lock_trigger *trigger);
+double colour_lock_board(double jitter_us, uint64_t seed, struct colour_lock_trigger *trigger);
 
 #endif

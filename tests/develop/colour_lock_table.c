@@ -193,7 +193,7 @@ void tearDown(void)
 {
 }
 
-static const char *elf, *picture;
+static const char *picture;
 
 static void print_and_draw(void)
 {
@@ -205,9 +205,9 @@ static void print_and_draw(void)
     (void)printf(
         "| trigger | length of a turn, rms | colour, rms | without brightness | largest |\n"
         "| --- | --- | --- | --- | --- |\n");
-    (void)colour_lock_board(elf, 2, 3, &trigger);
+    (void)colour_lock_board(2, 3, &trigger);
     scan(&rows[0], "board, index +-2 us", &trigger, &truth);
-    (void)colour_lock_board(elf, 20, 3, &trigger);
+    (void)colour_lock_board(20, 3, &trigger);
     scan(&rows[1], "board, index +-20 us", &trigger, &truth);
     measure_gpio(off_ns);
     colour_lock_free(off_ns, PULSES, 1, &trigger);
@@ -233,12 +233,11 @@ static void print_and_draw(void)
 
 int main(int argc, char **argv)
 {
-    if (argc != 3) {
-        (void)fprintf(stderr, "usage: %s trigger.elf PICTURE.svg\n", argv[0]);
+    if (argc != 2) {
+        (void)fprintf(stderr, "usage: %s PICTURE.svg\n", argv[0]);
         return 2;
     }
-    elf = argv[1];
-    picture = argv[2];
+    picture = argv[1];
     /* For the assertions of what it calls. */
     UnityBegin(__FILE__);
     if (TEST_PROTECT()) {

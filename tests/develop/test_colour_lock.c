@@ -58,15 +58,11 @@ static void a_scan_that_is_not_locked_is_worse_by_far(void)
     TEST_ASSERT_TRUE(wild.hue_rms > 20 * locked.hue_rms);
 }
 
-int main(int argc, char **argv)
+int main(void)
 {
-    if (argc != 2) {
-        (void)fprintf(stderr, "usage: %s trigger.elf\n", argv[0]);
-        return 2;
-    }
     UNITY_BEGIN();
     colour_lock_scan(NULL, &truth);
-    worst_ns = colour_lock_board(argv[1], 20, 3, &board);
+    worst_ns = colour_lock_board(20, 3, &board);
     RUN_TEST(exposures_of_exactly_whole_turns_see_no_wheel_wherever_they_begin);
     RUN_TEST(a_locked_scan_is_as_good_as_its_lengths);
     RUN_TEST(a_scan_that_is_not_locked_is_worse_by_far);

@@ -126,13 +126,13 @@ static void see_attach(avr_irq_t *irq, uint32_t value, void *context)
     ((struct simulated *)context)->attached = value != 0;
 }
 
-struct simulated *simulated_new(const char *elf)
+struct simulated *simulated_new(void)
 {
     elf_firmware_t firmware;
     struct simulated *simulated = calloc(1, sizeof *simulated);
     memset(&firmware, 0, sizeof firmware);
     avr_global_logger_set(quiet);
-    if (!simulated || elf_read_firmware(elf, &firmware) != 0) {
+    if (!simulated || elf_read_firmware(TRIGGER_ELF, &firmware) != 0) {
         free(simulated);
         return NULL;
     }

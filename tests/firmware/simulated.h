@@ -47,8 +47,8 @@ struct simulated {
 /* Outcomes of the USB calls below 0; otherwise the number of bytes. */
 enum { SIMULATED_TIMEOUT = -1, SIMULATED_STALL = -2, SIMULATED_GONE = -3 };
 
-/* A board that runs the ELF file, until it has attached to the bus. NULL where it cannot. */
-struct simulated *simulated_new(const char *elf);
+/* A board that runs the firmware that was built, until it has attached to the bus. NULL where it cannot. */
+struct simulated *simulated_new(void);
 void simulated_free(struct simulated *simulated);
 
 void simulated_run(struct simulated *simulated, double cycles);

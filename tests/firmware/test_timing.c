@@ -15,7 +15,6 @@
 
 enum { MAX_EXPOSURES = 1024, TRANSFER_MS = 50 };
 
-static const char *elf;
 static struct simulated *board;
 
 /* What the board told of its exposures. */
@@ -27,7 +26,7 @@ static struct {
 void setUp(void)
 {
     memset(&told, 0, sizeof told);
-    board = simulated_new(elf);
+    board = simulated_new();
     TEST_ASSERT_NOT_NULL_MESSAGE(board, "simavr cannot run the firmware");
     TEST_ASSERT_TRUE(simulated_enumerate(board));
 }
@@ -423,13 +422,8 @@ static void flash_ram_and_interrupts_stay_within_their_limits(void)
     TEST_ASSERT_TRUE(handler < 400);
 }
 
-int main(int argc, char **argv)
+int main(void)
 {
-    if (argc != 2) {
-        (void)fprintf(stderr, "usage: %s trigger.elf\n", argv[0]);
-        return 2;
-    }
-    elf = argv[1];
     UNITY_BEGIN();
     RUN_TEST(exposures_of_a_steady_wheel_are_exact_to_a_tick);
     RUN_TEST(long_exposures_of_a_steady_wheel_are_exact_to_a_tick);

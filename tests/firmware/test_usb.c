@@ -5,20 +5,18 @@
 
 #include <simavr/avr_usb.h>
 #include <simavr/sim_avr.h>
-#include <stdio.h>
 #include <string.h>
 
 enum { TRANSFER_MS = 20, IN = 0x80, VENDOR = 0x40 };
 enum { CLEAR_FEATURE = 1, SET_FEATURE = 3, GET_DESCRIPTOR = 6, SET_CONFIGURATION = 9 };
 
-static const char *elf;
 static struct simulated *board;
 static uint8_t data[64];
 
 void setUp(void)
 {
     memset(data, 0, sizeof data);
-    board = simulated_new(elf);
+    board = simulated_new();
     TEST_ASSERT_NOT_NULL_MESSAGE(board, "simavr cannot run the firmware");
     TEST_ASSERT_TRUE(simulated_enumerate(board));
 }
@@ -180,13 +178,8 @@ static void random_packets_leave_the_board_alive(void)
     the_board_lives();
 }
 
-int main(int argc, char **argv)
+int main(void)
 {
-    if (argc != 2) {
-        (void)fprintf(stderr, "usage: %s trigger.elf\n", argv[0]);
-        return 2;
-    }
-    elf = argv[1];
     UNITY_BEGIN();
     RUN_TEST(device_descriptor_names_the_board);
     RUN_TEST(configuration_is_as_long_as_it_says);

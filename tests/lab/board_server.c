@@ -246,10 +246,10 @@ static bool serve_once(struct server *server)
 }
 
 /* What the real firmware says that it is. */
-static bool ask_descriptors(const char *elf, struct descriptor descriptors[DESCRIPTORS])
+static bool ask_descriptors(struct descriptor descriptors[DESCRIPTORS])
 {
     static const uint16_t values[DESCRIPTORS] = {0x0100, 0x0200, 0x0300, 0x0301, 0x0302};
-    struct simulated *board = simulated_new(elf);
+    struct simulated *board = simulated_new();
     bool good = board && simulated_enumerate(board);
     for (int i = 0; i < DESCRIPTORS && good; i++) {
         descriptors[i].value = values[i];
@@ -266,7 +266,7 @@ static void serve(struct board_server_settings settings, int socket, struct boar
 {
     static const struct usbip_ops ops = {control, out, in, reply};
     static struct server server;
-    if (!ask_descriptors(settings.elf, server.descriptors)) {
+    if (!ask_descriptors(server.descriptors)) {
         _exit(1);
     }
     server.view = view;

@@ -24,7 +24,6 @@ struct board_server {
 };
 
 struct board_server_settings {
-    const char *elf;
     int port; /* of vhci-hcd, from 0 */
     double wheel_hz;
     int protocol; /* that the board says it speaks; 0: the truth */

@@ -14,7 +14,6 @@ enum { KILL_AT = 9 };
 static const struct whole_event nothing;
 static const struct whole_station station = {
     .tolerance_ms = 45, .stamp_delay_ms = 10, .trigger = "{driver: usb}"};
-static const char *elf;
 static struct whole whole;
 static struct board_server board;
 
@@ -41,7 +40,7 @@ static bool look(struct feeder_line *line)
 
 static void plug_board(void)
 {
-    board = board_server_plug((struct board_server_settings){.elf = elf, .wheel_hz = 20});
+    board = board_server_plug((struct board_server_settings){.wheel_hz = 20});
 }
 
 /* In a pulse. */
@@ -96,14 +95,9 @@ static void a_scan_whose_board_is_unplugged_in_an_exposure_is_resumed(void)
     whole_expect_same_as_virtual(session);
 }
 
-int main(int argc, char **argv)
+int main(void)
 {
     guest_require();
-    if (argc != 2) {
-        (void)fprintf(stderr, "usage: %s trigger.elf\n", argv[0]);
-        return 2;
-    }
-    elf = argv[1];
     UNITY_BEGIN();
     guest_run("modprobe vhci-hcd");
     whole.screen = screen_plug("vkms", "vkms");

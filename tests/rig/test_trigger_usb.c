@@ -13,7 +13,6 @@
 
 static const int64_t turn_ns = 33333333;
 
-static const char *elf;
 static struct nacre_error error;
 static struct simulated *board;
 static struct trigger *trigger;
@@ -107,7 +106,7 @@ static void bus_close(struct usb *usb)
 static void plug_in(void)
 {
     simulated_free(board);
-    board = simulated_new(elf);
+    board = simulated_new();
     TEST_ASSERT_NOT_NULL(board);
     TEST_ASSERT_TRUE(simulated_enumerate(board));
     simulated_turn(board, (struct wheel){.period = PERIOD, .jitter = 32, .seed = 5});
@@ -460,13 +459,8 @@ static void the_udev_rule_names_the_board(void)
     TEST_ASSERT_NOT_NULL(strstr(text, "MODE=\"0660\""));
 }
 
-int main(int argc, char **argv)
+int main(void)
 {
-    if (argc != 2) {
-        (void)fprintf(stderr, "usage: %s trigger.elf\n", argv[0]);
-        return 2;
-    }
-    elf = argv[1];
     UNITY_BEGIN();
     RUN_TEST(fires_exposures_and_gives_the_time_of_their_beginning);
     RUN_TEST(waits_until_the_loop_has_settled);
