@@ -55,6 +55,15 @@ void stage_make(struct stage *stage, const char *station, const char *plan)
     stage_write(stage, "plan.yaml", plan ? plan : stage_plan);
 }
 
+void stage_begin(struct stage *stage, const char *station, struct session *session)
+{
+    struct nacre_error error = {""};
+    stage_make(stage, station, NULL);
+    TEST_ASSERT_EQUAL_INT_MESSAGE(
+        NACRE_OK, session_create(stage->session, stage->station, NULL, false, session, &error),
+        error.text);
+}
+
 void stage_remove(struct stage *stage)
 {
     folder_remove(stage->folder);
@@ -151,6 +160,33 @@ struct faulty_camera faulty_camera(struct camera *inner, enum fault fault, int w
 {
     static const struct camera_ops ops = {"faulty", faulty_arm, faulty_take, faulty_close};
     struct faulty_camera camera = {.base = *inner, .inner = inner, .fault = fault, .when = when};
+    camera.base.ops = &ops;
+    return camera;
+}
+
+static int shifted_arm(struct camera *camera, int64_t exposure_ns, struct nacre_error *error)
+{
+    struct camera *inner = ((struct shifted_camera *)camera)->inner;
+    return inner->ops->arm(inner, exposure_ns, error);
+}
+
+static int shifted_take(struct camera *camera, int64_t timeout_ns, struct camera_frame *frame,
+                        struct nacre_error *error)
+{
+    struct shifted_camera *own = (struct shifted_camera *)camera;
+    int status = own->inner->ops->take(own->inner, timeout_ns, frame, error);
+    frame->frame_ns += own->shift_ns;
+    if (own->lose && ++own->taken % own->lose == 0) {
+        return nacre_fail(error, "camera faulty: lost");
+    }
+    return status;
+}
+
+struct shifted_camera shifted_camera(struct camera *inner)
+{
+    static const struct camera_ops ops = {
+        .name = "faulty", .arm = shifted_arm, .take = shifted_take};
+    struct shifted_camera camera = {.base = *inner, .inner = inner};
     camera.base.ops = &ops;
     return camera;
 }

@@ -22,6 +22,9 @@ struct stage {
 void stage_make(struct stage *stage, const char *station, const char *plan);
 void stage_remove(struct stage *stage);
 
+/* The same with a session that has begun; the text of the station may be NULL, too. */
+void stage_begin(struct stage *stage, const char *station, struct session *session);
+
 /* Write a text file FOLDER/NAME. */
 void stage_write(const struct stage *stage, const char *name, const char *text);
 
@@ -54,6 +57,16 @@ struct faulty_camera {
 };
 
 struct faulty_camera faulty_camera(struct camera *inner, enum fault fault, int when);
+
+/* A camera in front of another that says its frames began `shift_ns` later, and loses each `lose`-th; 0: none. */
+struct shifted_camera {
+    struct camera base;
+    struct camera *inner;
+    int64_t shift_ns;
+    int lose, taken;
+};
+
+struct shifted_camera shifted_camera(struct camera *inner);
 
 /* What an operator was asked. */
 struct operator_log {

@@ -11,6 +11,7 @@ static struct stage stage;
 static struct station settings;
 static struct virtual_station *station;
 static struct devices devices;
+static struct shifted_camera camera;
 static struct exposer exposer;
 static struct exposure exposure;
 static uint8_t levels[6 * 5];
@@ -55,32 +56,10 @@ static int fire(struct trigger *base, int64_t exposure_ns, int64_t *trigger_ns,
     return trigger.inner->ops->fire(trigger.inner, exposure_ns, trigger_ns, failure);
 }
 
-/* A camera whose frames begin `shift_ns` after their triggers. */
-static struct {
-    struct camera base, *inner;
-    int64_t shift_ns;
-} camera;
-
-static int arm(struct camera *base, int64_t exposure_ns, struct nacre_error *failure)
-{
-    (void)base;
-    return camera.inner->ops->arm(camera.inner, exposure_ns, failure);
-}
-
-static int take(struct camera *base, int64_t timeout_ns, struct camera_frame *frame,
-                struct nacre_error *failure)
-{
-    (void)base;
-    int status = camera.inner->ops->take(camera.inner, timeout_ns, frame, failure);
-    frame->frame_ns += camera.shift_ns;
-    return status;
-}
-
 void setUp(void)
 {
     static const struct projector_ops projector_ops = {.name = "faulty", .show = show};
     static const struct trigger_ops trigger_ops = {.name = "faulty", .fire = fire};
-    static const struct camera_ops camera_ops = {.name = "faulty", .arm = arm, .take = take};
     stage_make(&stage, NULL, NULL);
     TEST_ASSERT_EQUAL_INT(NACRE_OK, station_read(stage.station, &settings, &error));
     TEST_ASSERT_EQUAL_INT(NACRE_OK, virtual_station_new(&settings, &station, &error));
@@ -93,10 +72,7 @@ void setUp(void)
     trigger.base = (struct trigger){.ops = &trigger_ops};
     trigger.failures = 0;
     trigger.wait_ns = 0;
-    camera.inner = virtual_station_camera(station);
-    camera.base = *camera.inner;
-    camera.base.ops = &camera_ops;
-    camera.shift_ns = 0;
+    camera = shifted_camera(virtual_station_camera(station));
     devices = (struct devices){&camera.base, &projector.base, &trigger.base,
                                virtual_station_clock(station)};
     exposer = (struct exposer){.devices = &devices, .retries = 2, .tolerance_ns = 2000000};

@@ -52,10 +52,7 @@ void setUp(void)
 {
     error.text[0] = '\0';
     log_ = (struct operator_log){0};
-    stage_make(&stage, NULL, NULL);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(
-        NACRE_OK, session_create(stage.session, stage.station, NULL, false, &session, &error),
-        error.text);
+    stage_begin(&stage, NULL, &session);
 }
 
 void tearDown(void)

@@ -25,10 +25,7 @@ static uint64_t scan(const char *station, int retries, struct sequence_result *r
     struct operator_log log = {0};
     struct pattern *patterns;
     size_t count;
-    stage_make(&stage, station, NULL);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(
-        NACRE_OK, session_create(stage.session, stage.station, NULL, false, &session, &error),
-        error.text);
+    stage_begin(&stage, station, &session);
     TEST_ASSERT_EQUAL_INT_MESSAGE(
         NACRE_OK, stage_scan(&session, FAULT_LOST, -1, retries, &log, result, &error), error.text);
     TEST_ASSERT_EQUAL_INT(NACRE_OK, plan_order(&session.plan, &patterns, &count, &error));

@@ -18,33 +18,9 @@ static struct stage stage;
 static struct station settings;
 static struct virtual_station *station;
 static struct devices devices;
+static struct shifted_camera camera;
 static struct latency_report report;
 static struct nacre_error error;
-
-/* A camera whose stamps are wrong, or that loses frames. */
-static struct {
-    struct camera base, *inner;
-    int64_t shift_ns;
-    int lose, taken;
-} camera;
-
-static int arm(struct camera *base, int64_t exposure_ns, struct nacre_error *failure)
-{
-    (void)base;
-    return camera.inner->ops->arm(camera.inner, exposure_ns, failure);
-}
-
-static int take(struct camera *base, int64_t timeout_ns, struct camera_frame *frame,
-                struct nacre_error *failure)
-{
-    (void)base;
-    int status = camera.inner->ops->take(camera.inner, timeout_ns, frame, failure);
-    frame->frame_ns += camera.shift_ns;
-    if (camera.lose && ++camera.taken % camera.lose == 0) {
-        return nacre_fail(failure, "camera faulty: lost");
-    }
-    return status;
-}
 
 /* A trigger that is locked to a wheel of 30 Hz, `phase_ns` after each turn. */
 static struct {
@@ -66,8 +42,6 @@ static int fire_locked(struct trigger *base, int64_t exposure_ns, int64_t *trigg
 void setUp(void)
 {
     error.text[0] = '\0';
-    camera.shift_ns = 0;
-    camera.lose = camera.taken = 0;
 }
 
 void tearDown(void)
@@ -82,7 +56,6 @@ void tearDown(void)
 
 static void set_up(const char *from, const char *to)
 {
-    static const struct camera_ops camera_ops = {.name = "faulty", .arm = arm, .take = take};
     char *text = text_replace(stage_station, from, to);
     stage_make(&stage, text, NULL);
     free(text);
@@ -90,9 +63,7 @@ static void set_up(const char *from, const char *to)
                                   error.text);
     TEST_ASSERT_EQUAL_INT(NACRE_OK, virtual_station_new(&settings, &station, &error));
     TEST_ASSERT_EQUAL_INT(NACRE_OK, virtual_station_tell_refreshes(station, &error));
-    camera.inner = virtual_station_camera(station);
-    camera.base = *camera.inner;
-    camera.base.ops = &camera_ops;
+    camera = shifted_camera(virtual_station_camera(station));
     devices = (struct devices){&camera.base, virtual_station_projector(station),
                                virtual_station_trigger(station), virtual_station_clock(station)};
 }

@@ -23,10 +23,7 @@ void setUp(void)
 {
     error.text[0] = '\0';
     log_ = (struct operator_log){0};
-    stage_make(&stage, NULL, NULL);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(
-        NACRE_OK, session_create(stage.session, stage.station, NULL, false, &session, &error),
-        error.text);
+    stage_begin(&stage, NULL, &session);
 }
 
 void tearDown(void)
@@ -76,9 +73,7 @@ static uint64_t undisturbed(void)
     struct stage own;
     struct session other = session;
     struct operator_log log = {0};
-    stage_make(&own, NULL, NULL);
-    TEST_ASSERT_EQUAL_INT(NACRE_OK,
-                          session_create(own.session, own.station, NULL, false, &session, &error));
+    stage_begin(&own, NULL, &session);
     TEST_ASSERT_EQUAL_INT_MESSAGE(
         NACRE_OK, stage_scan(&session, FAULT_LOST, -1, 0, &log, &result, &error), error.text);
     uint64_t hash = hash_frames();

@@ -25,10 +25,7 @@ void setUp(void)
 {
     error.text[0] = '\0';
     moved = 0;
-    stage_make(&stage, NULL, NULL);
-    TEST_ASSERT_EQUAL_INT_MESSAGE(
-        NACRE_OK, session_create(stage.session, stage.station, NULL, false, &session, &error),
-        error.text);
+    stage_begin(&stage, NULL, &session);
 }
 
 void tearDown(void)
