@@ -10,17 +10,16 @@ any effect is compared, with a scene that calls for none but the material itself
 Usage: effects_cost.py SOURCES BUILD [--all [RENDER_EFFECT]...]; totals are printed as Unity does."""
 import os
 import re
-import shlex
 import shutil
-import subprocess
 import sys
 import tempfile
+
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..'))
+from effects_probe import Probe, write  # noqa: E402
 
 SOURCES, BUILD = (os.path.abspath(a) for a in sys.argv[1:3])
 ALL = '--all' in sys.argv[3:]
 CHOSEN = [a for a in sys.argv[3:] if a != '--all']
-TARGET = 'tests/render/probe_effects'
-TOLERANCE = 0.0005
 # Sources that ask whether an effect is there.
 ASKING = [f'render/{n}.c' for n in ('bake', 'effects', 'irradiance', 'samples', 'stage', 'stage_bake')]
 # Those that calculated light depends on, each with the name of its counter or None.
@@ -47,20 +46,7 @@ lights:
   - {shape: quad, size_mm: [80, 80, 1]}
 '''
 
-failures = 0
-tests = 0
-
-
-def report(name, problem):
-    """One line as Unity prints it."""
-    global failures, tests
-    tests += 1
-    failures += bool(problem)
-    print(f'effects_cost.py:1:{name}:' + (f'FAIL: {problem}' if problem else 'PASS'), flush=True)
-
-
-def run(command, **more):
-    return subprocess.run(command, cwd=BUILD, check=True, capture_output=True, text=True, **more).stdout
+PROBE = Probe(BUILD, 'tests/render/probe_effects', ASKING, 'RENDER_EFFECTS_WITHOUT', 'take_light')
 
 
 def names():
@@ -78,24 +64,6 @@ def names():
     return dict(zip(ids, texts))
 
 
-def build_without(effect, folder):
-    """The probe with an effect compiled out: by the build's own commands, into another folder."""
-    commands = [shlex.split(c) for c in run(['ninja', '-t', 'commands', TARGET]).splitlines()]
-    objects = []
-    for source in ASKING:
-        command = next(c for c in commands if '-c' in c and c[c.index('-c') + 1].endswith(source))
-        made = os.path.join(folder, os.path.basename(source) + '.o')
-        command[command.index('-o') + 1] = made
-        command[command.index('-MF') + 1] = made + '.d'
-        run(command + [f'-DRENDER_EFFECTS_WITHOUT={effect}'])
-        objects.append(made)
-    link = next(c for c in commands if '-o' in c and c[c.index('-o') + 1] == TARGET and '-c' not in c)
-    at = link.index('-o')
-    program = os.path.join(folder, 'probe')
-    run(link[:at] + ['-o', program] + objects + link[at + 2:])
-    return program
-
-
 def environment(folder, cache='cache'):
     """One thread, no instructions that valgrind does not know, and calloc clears all that it gives: whether it must
     hangs on what was freed long before, and comes to 0.4 % of the smallest scene's instructions."""
@@ -108,9 +76,7 @@ def environment(folder, cache='cache'):
 
 
 def measure(program, scene, folder, cache):
-    """What the program prints, as a dictionary."""
-    lines = run([program, scene, 'all'], env=environment(folder, cache)).splitlines()
-    return dict(line.split(': ') for line in lines)
+    return PROBE.measure([program, scene, 'all'], environment(folder, cache))
 
 
 def programs(folder, cache):
@@ -124,63 +90,40 @@ def programs(folder, cache):
     return found
 
 
-def count_instructions(program, scene, folder):
-    """Instructions while light is calculated, by callgrind."""
-    out = os.path.join(folder, 'callgrind.out')
-    run(['valgrind', '--tool=callgrind', '--collect-atstart=no', '--toggle-collect=take_light',
-         f'--callgrind-out-file={out}', program, scene, 'light'], env=environment(folder))
-    with open(out, encoding='utf-8') as file:
-        return int(re.search(r'^(?:summary|totals): (\d+)', file.read(), re.M).group(1))
-
-
 def compare(name, ours, without, counter, called, forbidden, folder):
     """The usual build on `forbidden` against the one without the effect on `called`."""
     here, there = measure(ours, forbidden, folder, 'here'), measure(without, called, folder, 'there')
-    report(f'{name}_light_is_the_same', here['light'] != there['light'] and 'it differs')
-    report(f'{name}_work_is_the_same', here != there and f'{here} against {there}')
+    PROBE.report(f'{name}_light_is_the_same', here['light'] != there['light'] and 'it differs')
+    PROBE.report(f'{name}_work_is_the_same', here != there and f'{here} against {there}')
     if counter:
-        report(f'{name}_absent_effect_does_no_work', here[counter] != '0' and here[counter])
+        PROBE.report(f'{name}_absent_effect_does_no_work', here[counter] != '0' and here[counter])
     ours_built, others = programs(folder, 'here'), programs(folder, 'there')
-    report(f'{name}_kernels_are_built_from_the_same_source_and_options', sorted(ours_built) != sorted(others) and 'no')
-    report(f'{name}_kernels_are_the_same_byte_for_byte', ours_built != others and 'they differ')
+    PROBE.report(f'{name}_kernels_are_built_from_the_same_source_and_options', sorted(ours_built) != sorted(others) and 'no')
+    PROBE.report(f'{name}_kernels_are_the_same_byte_for_byte', ours_built != others and 'they differ')
     shutil.rmtree(os.path.join(folder, 'there'), ignore_errors=True)
     shutil.rmtree(os.path.join(folder, 'here'), ignore_errors=True)
-    if shutil.which('valgrind'):
-        counts = [count_instructions(p, s, folder) for p, s in ((ours, forbidden), (without, called))]
-        off = counts[0] / counts[1] - 1
-        print(f'{name}: {counts[0]} instructions, {counts[1]} without it in the program: {100 * off:+.4f} %')
-        report(f'{name}_costs_no_instructions', (counts[1] < 1000000 or abs(off) > TOLERANCE) and counts)
-
-
-def write(folder, name, text):
-    path = os.path.join(folder, name)
-    with open(path, 'w', encoding='utf-8') as file:
-        file.write(text)
-    return path
+    PROBE.compare_instructions(name, [ours, forbidden, 'light'], [without, called, 'light'], environment(folder), folder)
 
 
 def main():
-    ours = os.path.join(BUILD, TARGET)
-    stale = 'no work to do' not in run(['ninja', '-n', TARGET])
-    report('the_usual_program_is_built_from_the_sources', stale and f'build {TARGET} first')
+    ours = PROBE.ours
+    PROBE.check_built()
     with tempfile.TemporaryDirectory() as folder:
-        run([os.path.join(BUILD, 'tests/render/make_material'), os.path.join(folder, 'material.exr')])
+        PROBE.run([os.path.join(BUILD, 'tests/render/make_material'), os.path.join(folder, 'material.exr')])
         plain = write(folder, 'plain.yaml', PLAIN)
         full = write(folder, 'full.yaml', FULL)
-        compare('no_effect', ours, build_without('RENDER_EFFECTS', folder), None, plain, plain, folder)
+        compare('no_effect', ours, PROBE.build_without('RENDER_EFFECTS', folder), None, plain, plain, folder)
         known = names()
         busy = measure(ours, full, folder, 'busy') if ALL else {}
         for effect, counter in EFFECTS if ALL else []:
             if CHOSEN and effect not in CHOSEN:
                 continue
             if counter:
-                report(f'{counter.replace(" ", "_")}_is_counted_where_it_is_called_for', busy[counter] == '0' and busy)
+                PROBE.report(f'{counter.replace(" ", "_")}_is_counted_where_it_is_called_for', busy[counter] == '0' and busy)
             lacking = write(folder, 'lacking.yaml', FULL + f'without: [{known[effect]}]\n')
-            compare(known[effect].replace(' ', '_'), ours, build_without(effect, folder), counter, full, lacking, folder)
-    if not shutil.which('valgrind'):
-        print('valgrind is not installed: instructions were not counted')
-    print(f'{tests} Tests {failures} Failures 0 Ignored')
-    return 1 if failures else 0
+            compare(known[effect].replace(' ', '_'), ours, PROBE.build_without(effect, folder), counter, full, lacking,
+                    folder)
+    return PROBE.end()
 
 
 sys.exit(main())

@@ -10,17 +10,16 @@ leaves of the source for a scene without an effect is what it leaves of a source
 Usage: effects_cost.py SOURCES BUILD [--all]; totals are printed as Unity does."""
 import os
 import re
-import shlex
-import shutil
 import subprocess
 import sys
 import tempfile
 
+sys.path.insert(0, os.path.join(os.path.dirname(os.path.abspath(__file__)), '..'))
+from effects_probe import Probe, write  # noqa: E402
+
 SOURCES, BUILD = (os.path.abspath(a) for a in sys.argv[1:3])
 ALL = '--all' in sys.argv[3:]
-TARGET = 'tests/virtual/probe_effects'
 PATTERNS = 4
-TOLERANCE = 0.0005
 # Sources that ask whether an effect is there.
 ASKING = [f'rig/virtual/{n}.c' for n in ('faults', 'light', 'optics', 'projection', 'surface', 'virtual')]
 
@@ -64,16 +63,8 @@ materials:
 '''
 SURFACE = 'surface: {roughness: 0.25}\ndust: {per_cm2: 20, size_mm: 0.3, seed: 2}\n'
 
-failures = 0
-tests = 0
-
-
-def report(name, problem):
-    """One line as Unity prints it."""
-    global failures, tests
-    tests += 1
-    failures += bool(problem)
-    print(f'effects_cost.py:1:{name}:' + (f'FAIL: {problem}' if problem else 'PASS'), flush=True)
+PROBE = Probe(BUILD, 'tests/virtual/probe_effects', ASKING, 'EFFECTS_WITHOUT', 'take_frames')
+ENVIRONMENT = dict(os.environ, OMP_NUM_THREADS='1')
 
 
 def effects():
@@ -87,65 +78,15 @@ def effects():
     return list(zip(ids, names))
 
 
-def run(command, **more):
-    return subprocess.run(command, cwd=BUILD, check=True, capture_output=True, text=True, **more).stdout
-
-
-def build_without(effect, folder):
-    """The probe with an effect compiled out: by the build's own commands, into another folder."""
-    commands = [shlex.split(c) for c in run(['ninja', '-t', 'commands', TARGET]).splitlines()]
-    objects = []
-    for source in ASKING:
-        command = next(c for c in commands if '-c' in c and c[c.index('-c') + 1].endswith(source))
-        command = command[:command.index('-o')] + command[command.index('-o') + 2:]
-        if '-MF' in command:
-            command = command[:command.index('-MF')] + command[command.index('-MF') + 2:]
-        command = [c for c in command if c not in ('-MD', '-MQ')]
-        command = [c for i, c in enumerate(command) if not c.endswith('.o')]
-        made = os.path.join(folder, os.path.basename(source) + '.o')
-        run(command + [f'-DEFFECTS_WITHOUT={effect}', '-o', made])
-        objects.append(made)
-    link = next(c for c in commands if '-o' in c and c[c.index('-o') + 1] == TARGET and '-c' not in c)
-    at = link.index('-o')
-    program = os.path.join(folder, 'probe')
-    run(link[:at] + ['-o', program] + objects + link[at + 2:])
-    return program
-
-
-def measure(program, station):
-    """What the program prints, as a dictionary."""
-    lines = run([program, station, str(PATTERNS)], env=dict(os.environ, OMP_NUM_THREADS='1')).splitlines()
-    return dict(line.split(': ') for line in lines)
-
-
-def count_instructions(program, station, folder):
-    """Instructions while frames are taken, by callgrind."""
-    out = os.path.join(folder, 'callgrind.out')
-    run(['valgrind', '--tool=callgrind', '--collect-atstart=no', '--toggle-collect=take_frames',
-         f'--callgrind-out-file={out}', program, station, str(PATTERNS)], env=dict(os.environ, OMP_NUM_THREADS='1'))
-    with open(out, encoding='utf-8') as file:
-        return int(re.search(r'^(?:summary|totals): (\d+)', file.read(), re.M).group(1))
-
-
 def compare(name, ours, without, effect_name, called, forbidden, folder):
     """The usual build on `forbidden` against the one without the effect on `called`."""
-    here, there = measure(ours, forbidden), measure(without, called)
-    report(f'{name}_frames_are_the_same', here['frames'] != there['frames'] and 'they differ')
-    report(f'{name}_work_is_the_same', here != there and f'{here} against {there}')
+    commands = [ours, forbidden, str(PATTERNS)], [without, called, str(PATTERNS)]
+    here, there = (PROBE.measure(command, ENVIRONMENT) for command in commands)
+    PROBE.report(f'{name}_frames_are_the_same', here['frames'] != there['frames'] and 'they differ')
+    PROBE.report(f'{name}_work_is_the_same', here != there and f'{here} against {there}')
     if effect_name:
-        report(f'{name}_absent_effect_does_no_work', here[effect_name] != '0' and here[effect_name])
-    if shutil.which('valgrind'):
-        counts = [count_instructions(p, s, folder) for p, s in ((ours, forbidden), (without, called))]
-        off = counts[0] / counts[1] - 1
-        print(f'{name}: {counts[0]} instructions, {counts[1]} without it in the program: {100 * off:+.4f} %')
-        report(f'{name}_instructions_are_the_same', (counts[1] < 1000000 or abs(off) > TOLERANCE) and counts)
-
-
-def write(folder, name, text):
-    path = os.path.join(folder, name)
-    with open(path, 'w', encoding='utf-8') as file:
-        file.write(text)
-    return path
+        PROBE.report(f'{name}_absent_effect_does_no_work', here[effect_name] != '0' and here[effect_name])
+    PROBE.compare_instructions(name, *commands, ENVIRONMENT, folder)
 
 
 def cut(source, macro):
@@ -175,26 +116,24 @@ def compare_kernels():
         absent = preprocess(source, f'-D{macro}')
         same = absent == preprocess(bare) and macro not in re.sub(r'/\*.*?\*/', '', bare, flags=re.S)
         there = preprocess(source) != absent
-        report(f'kernel_without_{macro}_is_built_from_the_source_without_it', not (same and there) and 'it differs')
+        PROBE.report(f'kernel_without_{macro}_is_built_from_the_source_without_it', not (same and there) and 'it differs')
 
 
 def main():
-    ours = os.path.join(BUILD, TARGET)
+    ours = PROBE.ours
+    PROBE.check_built()
     with tempfile.TemporaryDirectory() as folder:
         write(folder, 'plain.yaml', SLAB)
         write(folder, 'full.yaml', SLAB + SURFACE)
         full = write(folder, 'full-station.yaml', FULL)
         plain = write(folder, 'plain-station.yaml', PLAIN)
-        compare('no_effect', ours, build_without('EFFECTS', folder), None, plain, plain, folder)
+        compare('no_effect', ours, PROBE.build_without('EFFECTS', folder), None, plain, plain, folder)
         for effect, name in effects() if ALL else []:
             lacking = write(folder, 'lacking.yaml', FULL + f'without: [{name}]\n')
-            compare(name.replace(' ', '_').replace('-', '_'), ours, build_without(effect, folder), name, full, lacking,
+            compare(name.replace(' ', '_').replace('-', '_'), ours, PROBE.build_without(effect, folder), name, full, lacking,
                     folder)
     compare_kernels()
-    if not shutil.which('valgrind'):
-        print('valgrind is not installed: instructions were not counted')
-    print(f'{tests} Tests {failures} Failures 0 Ignored')
-    return 1 if failures else 0
+    return PROBE.end()
 
 
 sys.exit(main())
