@@ -268,17 +268,16 @@ static void png_keeps_attributes_as_text(void)
     static const char wide[] = "iTXtnacre.scene\0\0\0\0\0\303\244.yaml";
     struct nacre_error error;
     struct picture picture;
-    char bytes[4096];
     TEST_ASSERT_EQUAL_INT(NACRE_OK, picture_allocate(&picture, 2, 2, &error));
     TEST_ASSERT_EQUAL_INT_MESSAGE(
         NACRE_OK, picture_write(name("a.png"), &picture, attributes, &error), error.text);
     picture_finish(&picture);
-    FILE *file = fopen(name("a.png"), "rb");
-    TEST_ASSERT_NOT_NULL(file);
-    size_t size = fread(bytes, 1, sizeof bytes, file);
-    (void)fclose(file);
+    size_t size = 0;
+    uint8_t *bytes = file_read(name("a.png"), &size);
+    TEST_ASSERT_NOT_NULL(bytes);
     TEST_ASSERT_NOT_NULL(memmem(bytes, size, ascii, sizeof ascii - 1));
     TEST_ASSERT_NOT_NULL(memmem(bytes, size, wide, sizeof wide - 1));
+    free(bytes);
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, picture_read(name("a.png"), &picture, &error),
                                   error.text);
     picture_finish(&picture);
@@ -373,15 +372,6 @@ static void interlaced_png_is_read_like_the_other(void)
     picture_finish(&interlaced);
 }
 
-/* Write the first `size` bytes of `bytes` as a file of its own. */
-static void write_bytes(const char *file_name, const unsigned char *bytes, size_t size)
-{
-    FILE *file = fopen(file_name, "we");
-    TEST_ASSERT_NOT_NULL(file);
-    TEST_ASSERT_EQUAL_UINT(size, fwrite(bytes, 1, size, file));
-    TEST_ASSERT_EQUAL_INT(0, fclose(file));
-}
-
 static void png_cut_anywhere_is_refused(void)
 {
     struct picture ramp = make_ramp(20, 10);
@@ -392,11 +382,11 @@ static void png_cut_anywhere_is_refused(void)
                                   error.text);
     (void)name("cut.png");
     for (size_t cut = 0; cut < size; cut += cut < 60 ? 1 : 13) {
-        write_bytes(path, bytes, cut);
+        file_write(path, bytes, cut);
         expect_refusal(path, "PNG:");
     }
     bytes[size / 2] ^= 0x55;
-    write_bytes(path, bytes, size);
+    file_write(path, bytes, size);
     expect_refusal(path, "PNG:");
     free(bytes);
     picture_finish(&ramp);
@@ -405,12 +395,10 @@ static void png_cut_anywhere_is_refused(void)
 static void png_that_claims_more_than_it_can_hold_is_refused_without_allocating(void)
 {
     static const unsigned char one[] = {7};
-    unsigned char bytes[4096];
     write_png(name("a.png"), 1, 1, 8, PNG_COLOR_TYPE_GRAY, one, 1, 0, PNG_INTERLACE_NONE);
-    FILE *file = fopen(path, "re");
-    TEST_ASSERT_NOT_NULL(file);
-    size_t size = fread(bytes, 1, sizeof bytes, file);
-    (void)fclose(file);
+    size_t size = 0;
+    uint8_t *bytes = file_read(path, &size);
+    TEST_ASSERT_TRUE(bytes && size > 33);
     bytes[17] = bytes[21] = 1; /* 65537 x 65537; the header's checksum must be right again */
     unsigned crc = 0xffffffffU;
     for (size_t i = 12; i < 29; i++) {
@@ -422,7 +410,8 @@ static void png_that_claims_more_than_it_can_hold_is_refused_without_allocating(
     for (size_t i = 0; i < 4; i++) {
         bytes[29 + i] = (unsigned char)(~crc >> (24 - 8 * i));
     }
-    write_bytes(name("big.png"), bytes, size);
+    file_write(name("big.png"), bytes, size);
+    free(bytes);
     expect_refusal(path, "truncated");
 }
 
@@ -444,11 +433,11 @@ static void files_that_are_not_there_or_something_else_are_refused(void)
 {
     expect_refusal(name("none.png"), "No such file or directory");
     expect_refusal(name("none.exr"), "none.exr");
-    write_bytes(name("text.png"), (const unsigned char *)"this is text", 12);
+    file_write(name("text.png"), "this is text", 12);
     expect_refusal(path, "PNG:");
-    write_bytes(name("text.exr"), (const unsigned char *)"this is text", 12);
+    file_write(name("text.exr"), "this is text", 12);
     expect_refusal(path, "text.exr");
-    write_bytes(name("empty.png"), (const unsigned char *)"", 0);
+    file_write(name("empty.png"), "", 0);
     expect_refusal(path, "PNG:");
 }
 

@@ -1,6 +1,7 @@
 /* A made station: exact pictures of a made material through a pinhole, a mosaic and a noisy sensor. */
 #include "made.h"
 
+#include "tests/files.h"
 #include "unity.h"
 
 #include <dirent.h>
@@ -195,12 +196,9 @@ void made_expose(const struct made_station *station, const double *signal, doubl
 
 static void write_text(const char *folder, const char *name, const char *text)
 {
-    char path[4096];
-    (void)snprintf(path, sizeof path, "%s/%s", folder, name);
-    FILE *file = fopen(path, "w");
-    TEST_ASSERT_NOT_NULL(file);
-    (void)fputs(text, file);
-    (void)fclose(file);
+    char *path = path_join(folder, name);
+    text_write(path, text);
+    free(path);
 }
 
 void made_write_settings(const struct made_station *station, const char *folder,
@@ -290,15 +288,12 @@ void made_measure(const struct made_station *station, const char *path, struct p
 
 char *made_session(const struct made_station *station, const char *folder, const char *plan_text)
 {
-    char station_path[4096];
-    char plan_path[4096];
-    char *path = NULL;
+    char *station_path = path_join(folder, "station.yaml");
+    char *plan_path = path_join(folder, "plan.yaml");
+    char *path = path_join(folder, "session");
     struct session session;
     struct nacre_error error = {""};
     made_write_settings(station, folder, plan_text);
-    (void)snprintf(station_path, sizeof station_path, "%s/station.yaml", folder);
-    (void)snprintf(plan_path, sizeof plan_path, "%s/plan.yaml", folder);
-    TEST_ASSERT_TRUE(asprintf(&path, "%s/session", folder) > 0);
     TEST_ASSERT_EQUAL_INT_MESSAGE(
         NACRE_OK, session_create(path, station_path, plan_path, false, &session, &error),
         error.text);
@@ -308,5 +303,7 @@ char *made_session(const struct made_station *station, const char *folder, const
         }
     }
     session_finish(&session);
+    free(station_path);
+    free(plan_path);
     return path;
 }

@@ -3,12 +3,9 @@
 #include "nacre/scan.h"
 #include "rig/develop/develop.h"
 #include "rig/develop/pilot.h"
-#include "rig/sequence.h"
-#include "rig/virtual/sample.h"
-#include "rig/virtual/transport.h"
-#include "rig/virtual/virtual.h"
 #include "tests/files.h"
 #include "unity.h"
+#include "virtual_scan.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -56,43 +53,14 @@ static void must(int status)
 
 static char *in_folder(const char *name)
 {
-    char *path = NULL;
-    TEST_ASSERT_TRUE(asprintf(&path, "%s/%s", folder, name) > 0);
-    return path;
-}
-
-static void write_text(const char *name, const char *text)
-{
-    char *path = in_folder(name);
-    FILE *file = fopen(path, "w");
-    TEST_ASSERT_NOT_NULL(file);
-    (void)fputs(text, file);
-    (void)fclose(file);
-    free(path);
-}
-
-static int lay(void *context, bool on, struct nacre_error *unused)
-{
-    (void)unused;
-    virtual_station_set_white_layer(context, on);
-    return NACRE_OK;
-}
-
-/* Without it every frame has the same noise. */
-static int begin(void *context, const struct sequence_moment *moment, struct nacre_error *unused)
-{
-    (void)unused;
-    virtual_station_begin_pattern(context, moment->pattern);
-    return NACRE_OK;
+    return path_join(folder, name);
 }
 
 /* Scan the sample with a station of these properties into FOLDER/session. */
 static void scan(const char *sensor, double vignetting, double roll_deg)
 {
     char text[1024];
-    struct session session;
     struct sequence_result result;
-    struct virtual_station *simulated = NULL;
     (void)snprintf(text, sizeof text,
                    "sample: {width: %d, height: %d, pitch_mm: 0.5}\n"
                    "camera: {driver: virtual, width: 88, height: 74, bayer: GBRG, %s}\n"
@@ -103,24 +71,11 @@ static void scan(const char *sensor, double vignetting, double roll_deg)
                    "  camera: {elevation_deg: 20, roll_deg: %g, pixels_per_point: 4.4,\n"
                    "           vignetting: 0.2, response: [0.7, 1, 0.8]}\n",
                    WIDTH, HEIGHT, sensor, vignetting, roll_deg);
-    write_text("station.yaml", text);
-    write_text("plan.yaml", plan);
-    write_text("sample.yaml", sample_text);
-    char *path = in_folder("session");
-    char *station = in_folder("station.yaml");
-    must(session_create(path, station, NULL, false, &session, &error));
-    must(virtual_station_new(&session.station, &simulated, &error));
-    struct devices devices = {virtual_station_camera(simulated),
-                              virtual_station_projector(simulated),
-                              virtual_station_trigger(simulated), virtual_station_clock(simulated)};
-    struct sequence_operator person = {
-        .context = simulated, .white_layer = lay, .pattern_begins = begin};
-    struct sequence_options options = {.tolerance_ns = 2000000};
-    must(sequence_run(&devices, &session, &person, &options, NULL, &result, &error));
-    virtual_station_free(simulated);
-    session_finish(&session);
-    free(path);
-    free(station);
+    virtual_scan_write(folder, "station.yaml", text);
+    virtual_scan_write(folder, "plan.yaml", plan);
+    virtual_scan_write(folder, "sample.yaml", sample_text);
+    virtual_scan_measure(folder, &result);
+    TEST_ASSERT_EQUAL_UINT64(0, result.retries);
 }
 
 static struct develop_report develop_by(const struct develop_options *options)
@@ -142,22 +97,6 @@ static struct develop_report develop(enum demosaic demosaic)
                                       .store = NACRE_FLOAT,
                                       .flat = FLAT_SEPARATE};
     return develop_by(&options);
-}
-
-/* The exact responses as FOLDER/exact.exr. */
-static void simulate(int window)
-{
-    struct sample sample;
-    struct transport *transport = NULL;
-    char *path = in_folder("sample.yaml");
-    char *output = in_folder("exact.exr");
-    must(sample_read(path, &sample, &error));
-    must(transport_new(&sample, &transport, &error));
-    must(transport_write_scan(transport, window, output, NULL, &error));
-    transport_free(transport);
-    sample_finish(&sample);
-    free(path);
-    free(output);
 }
 
 /* Mean over the points of ||developed - exact|| / ||exact||, and of the ratio of their sums in *scale. */
@@ -202,7 +141,7 @@ static void scan_without_noise_is_exact_but_for_the_virtual_camera(void)
 {
     double scale;
     scan(silent, 0, 1.5);
-    simulate(WINDOW);
+    virtual_scan_exact(folder, WINDOW);
     struct develop_report report = develop(DEMOSAIC_AUTO);
     /* The virtual camera knows how a pixel's view is shared between points from 8 x 8 places: a share is off by 0.02 to
      * 0.04, and the pixels that straddle points are some 40 % of all. With 48 x 48 places the same scan is within
@@ -221,7 +160,7 @@ static void scan_with_noise_and_fall_off_is_within_its_budget(void)
 {
     double scale;
     scan(noisy, 0.2, 1.5);
-    simulate(WINDOW);
+    virtual_scan_exact(folder, WINDOW);
     struct develop_report report = develop(DEMOSAIC_AUTO);
     /* To the above come the shot noise of the lit points (0.13 of a white that nearly fills the range, over exposures of
      * 1 and 4 turns: some 20,000 electrons in a colour, 0.7 %) and the projector's fall-off between x_i and x_o (0.3 %);
@@ -260,7 +199,7 @@ static void pilot_bounds_the_leak_of_the_whole_scan(void)
     plan = pilot_text;
     scan(noisy, 0.2, 1.5);
     plan = plan_text;
-    simulate(ALL);
+    virtual_scan_exact(folder, ALL);
     char *path = in_folder("session");
     char *scratch = in_folder("scan.exr");
     char *exact_path = in_folder("exact.exr");
@@ -348,7 +287,7 @@ static void dynamic_range_of_10000_is_kept(void)
     plan = pilot_text; /* so far apart that no neighbour's light falls on dim entries */
     scan(noisy, 0.2, 1.5);
     plan = plan_text;
-    simulate(17);
+    virtual_scan_exact(folder, 17);
     (void)develop_by(&subtract);
     struct dim kept = look_at_dim_entries(17);
     (void)develop_by(&clip);
@@ -376,7 +315,7 @@ static void falloff_taken_where_light_enters_beats_the_papers_way(void)
     struct develop_options separate = paper;
     separate.flat = FLAT_SEPARATE;
     scan(silent, 0.5, 1.5);
-    simulate(WINDOW);
+    virtual_scan_exact(folder, WINDOW);
     (void)develop_by(&paper);
     double theirs = compare(&scale);
     struct develop_report report = develop_by(&separate);
@@ -394,7 +333,7 @@ static void fit_beats_the_means_by_far(void)
 {
     double scale;
     scan(noisy, 0.2, 1.5);
-    simulate(WINDOW);
+    virtual_scan_exact(folder, WINDOW);
     (void)develop(DEMOSAIC_FIT);
     double fit = compare(&scale);
     (void)develop(DEMOSAIC_AREA);
@@ -409,7 +348,7 @@ static void camera_upside_down_gives_the_same_scan(void)
 {
     double scale;
     scan(noisy, 0.2, -178);
-    simulate(WINDOW);
+    virtual_scan_exact(folder, WINDOW);
     (void)develop(DEMOSAIC_AUTO);
     TEST_ASSERT_DOUBLE_WITHIN(0.013, 0, compare(&scale));
 }

@@ -147,11 +147,8 @@ static void half_floats_lose_only_their_rounding(void)
 
 static char *read_all(size_t *size)
 {
-    FILE *file = fopen(scan_path, "rb");
-    TEST_ASSERT_NOT_NULL(file);
-    char *bytes = malloc(1 << 22);
-    *size = fread(bytes, 1, 1 << 22, file);
-    (void)fclose(file);
+    char *bytes = (char *)file_read(scan_path, size);
+    TEST_ASSERT_NOT_NULL_MESSAGE(bytes, scan_path);
     return bytes;
 }
 

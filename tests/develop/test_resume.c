@@ -33,18 +33,8 @@ static const struct develop_options usual = {.black = BLACK_SUBTRACT,
 static struct made_station station;
 static struct nacre_error error;
 static char *folder, *session_path, *scan_path, *work_path;
-static char *truth; /* the scan of an undisturbed development */
+static uint8_t *truth; /* the scan of an undisturbed development */
 static size_t truth_size;
-
-static char *read_all(const char *path, size_t *size)
-{
-    FILE *file = fopen(path, "rb");
-    TEST_ASSERT_NOT_NULL(file);
-    char *bytes = malloc(1 << 22);
-    *size = fread(bytes, 1, 1 << 22, file);
-    TEST_ASSERT_EQUAL_INT(0, fclose(file));
-    return bytes;
-}
 
 void setUp(void)
 {
@@ -70,7 +60,8 @@ static int finish(const struct develop_options *options)
     TEST_ASSERT_EQUAL_INT_MESSAGE(
         NACRE_OK, develop_session(session_path, options, scan_path, NULL, &report, &error),
         error.text);
-    char *bytes = read_all(scan_path, &size);
+    uint8_t *bytes = file_read(scan_path, &size);
+    TEST_ASSERT_NOT_NULL_MESSAGE(bytes, scan_path);
     TEST_ASSERT_EQUAL_UINT(truth_size, size);
     TEST_ASSERT_EQUAL_MEMORY(truth, bytes, size);
     TEST_ASSERT_FALSE(exists(work_path));
@@ -298,7 +289,7 @@ int main(void)
         develop_session(session_path, &usual, scan_path, NULL, NULL, NULL) != NACRE_OK) {
         return EXIT_FAILURE;
     }
-    truth = read_all(scan_path, &truth_size);
+    truth = file_read(scan_path, &truth_size);
     (void)unlink(scan_path);
     RUN_TEST(killed_at_any_byte_it_goes_on_to_the_same_scan);
     RUN_TEST(killed_before_the_first_grid_it_begins_anew);

@@ -211,18 +211,16 @@ static int measure(const char *plan, struct target_report *report)
 /* Make the session's station file lie about the pitch, so that it cannot be where the measured one comes from. */
 static void forge_pitch(void)
 {
-    char path[256];
-    char text[8192];
-    (void)snprintf(path, sizeof path, "%s/session/station.yaml", folder);
-    FILE *file = fopen(path, "r");
-    TEST_ASSERT_NOT_NULL(file);
-    size_t size = fread(text, 1, sizeof text - 1, file);
-    text[size] = '\0';
-    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    size_t size = 0;
+    char *path = path_join(folder, "session/station.yaml");
+    char *text = (char *)file_read(path, &size);
+    TEST_ASSERT_NOT_NULL_MESSAGE(text, path);
     char *found = strstr(text, "pitch_mm: 0.5");
     TEST_ASSERT_NOT_NULL_MESSAGE(found, text);
     found[strlen("pitch_mm: 0.")] = '7';
-    virtual_scan_write(folder, "session/station.yaml", text);
+    text_write(path, text);
+    free(text);
+    free(path);
 }
 
 static void pitch_of_a_printed_target_is_true_to_a_third_of_a_percent(void)

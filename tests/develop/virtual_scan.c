@@ -5,6 +5,7 @@
 #include "rig/virtual/sample.h"
 #include "rig/virtual/transport.h"
 #include "rig/virtual/virtual.h"
+#include "tests/files.h"
 #include "unity.h"
 
 #include <stdio.h>
@@ -18,20 +19,10 @@ static void must(int status)
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, status, error.text);
 }
 
-static char *join(const char *folder, const char *name)
-{
-    char *path = NULL;
-    TEST_ASSERT_TRUE(asprintf(&path, "%s/%s", folder, name) > 0);
-    return path;
-}
-
 void virtual_scan_write(const char *folder, const char *name, const char *text)
 {
-    char *path = join(folder, name);
-    FILE *file = fopen(path, "w");
-    TEST_ASSERT_NOT_NULL(file);
-    TEST_ASSERT_TRUE(fputs(text, file) >= 0);
-    TEST_ASSERT_EQUAL_INT(0, fclose(file));
+    char *path = path_join(folder, name);
+    text_write(path, text);
     free(path);
 }
 
@@ -49,10 +40,11 @@ static int begin(void *context, const struct sequence_moment *moment, struct nac
     return NACRE_OK;
 }
 
-static void measure(const char *path, const char *station,
-                    void (*wrap)(void *context, struct devices *), void *context,
-                    struct sequence_result *result)
+static void measure(const char *folder, void (*wrap)(void *context, struct devices *),
+                    void *context, struct sequence_result *result)
 {
+    char *path = path_join(folder, "session");
+    char *station = path_join(folder, "station.yaml");
     struct session session;
     struct virtual_station *simulated = NULL;
     must(session_create(path, station, NULL, false, &session, &error));
@@ -70,6 +62,13 @@ static void measure(const char *path, const char *station,
     must(sequence_run(&devices, &session, &person, &options, NULL, result, &error));
     virtual_station_free(simulated);
     session_finish(&session);
+    free(path);
+    free(station);
+}
+
+void virtual_scan_measure(const char *folder, struct sequence_result *result)
+{
+    measure(folder, NULL, NULL, result);
 }
 
 void virtual_scan_run(const char *folder, struct sequence_result *result,
@@ -87,13 +86,11 @@ void virtual_scan_run_around(const char *folder, void (*wrap)(void *context, str
                                       .demosaic = DEMOSAIC_AUTO,
                                       .store = NACRE_FLOAT,
                                       .flat = FLAT_SEPARATE};
-    char *path = join(folder, "session");
-    char *station = join(folder, "station.yaml");
-    char *output = join(folder, "scan.exr");
-    measure(path, station, wrap, context, result);
+    char *path = path_join(folder, "session");
+    char *output = path_join(folder, "scan.exr");
+    measure(folder, wrap, context, result);
     must(develop_session(path, &options, output, NULL, report, &error));
     free(path);
-    free(station);
     free(output);
 }
 
@@ -101,8 +98,8 @@ void virtual_scan_exact(const char *folder, int window)
 {
     struct sample sample;
     struct transport *transport = NULL;
-    char *path = join(folder, "sample.yaml");
-    char *output = join(folder, "exact.exr");
+    char *path = path_join(folder, "sample.yaml");
+    char *output = path_join(folder, "exact.exr");
     must(sample_read(path, &sample, &error));
     must(transport_new(&sample, &transport, &error));
     must(transport_write_scan(transport, window, output, NULL, &error));
@@ -115,7 +112,7 @@ void virtual_scan_exact(const char *folder, int window)
 float *virtual_scan_load(const char *folder, const char *name)
 {
     struct nacre_scan *scan;
-    char *path = join(folder, name);
+    char *path = path_join(folder, name);
     must(nacre_scan_open(path, &scan, &error));
     struct nacre_scan_info info = *nacre_scan_info(scan);
     size_t size = (size_t)info.channels * (size_t)info.window * (size_t)info.window;
@@ -132,7 +129,7 @@ float *virtual_scan_load(const char *folder, const char *name)
 bool virtual_scan_source_names(const char *folder, const char *words)
 {
     struct nacre_scan *scan;
-    char *path = join(folder, "scan.exr");
+    char *path = path_join(folder, "scan.exr");
     must(nacre_scan_open(path, &scan, &error));
     bool found = strstr(nacre_scan_info(scan)->source, words) != NULL;
     nacre_scan_close(scan);

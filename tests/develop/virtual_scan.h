@@ -8,7 +8,10 @@
 /* Write a text file FOLDER/NAME. */
 void virtual_scan_write(const char *folder, const char *name, const char *text);
 
-/* Measure FOLDER/station.yaml into FOLDER/session, with 20 retries, and develop it as FOLDER/scan.exr. */
+/* Measure FOLDER/station.yaml into FOLDER/session, with 20 retries. */
+void virtual_scan_measure(const char *folder, struct sequence_result *result);
+
+/* The same, developed as FOLDER/scan.exr. */
 void virtual_scan_run(const char *folder, struct sequence_result *result,
                       struct develop_report *report);
 

@@ -24,7 +24,6 @@ static void expect_content(const char *name, const char *text)
 {
     size_t size = 0;
     unsigned char *bytes = scratch_load(name, &size);
-    bytes[size] = '\0';
     TEST_ASSERT_EQUAL_STRING(text, (const char *)bytes);
     free(bytes);
 }
