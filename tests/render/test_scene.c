@@ -1,5 +1,6 @@
 /* Scene files: the documented one, the shipped ones, and wrong ones. */
 #include "render/scene.h"
+#include "tests/docs.h"
 #include "tests/nacre/scratch.h"
 
 #include <stdio.h>
@@ -27,21 +28,9 @@ static int parse(const char *text)
 
 static void documented_example_is_read(void)
 {
-    static const char fence[] = "```yaml\n";
-    char page[65536];
-    FILE *file = fopen(DOCS "/formats.md", "r");
-    TEST_ASSERT_NOT_NULL(file);
-    size_t size = fread(page, 1, sizeof page - 1, file);
-    (void)fclose(file);
-    page[size] = '\0';
-    char *section = strstr(page, "\n## scene.yaml\n");
-    char *begin = section ? strstr(section, fence) : NULL;
-    char *end = begin ? strstr(begin + sizeof fence - 1, "```\n") : NULL;
-    TEST_ASSERT_NOT_NULL_MESSAGE(end, "formats.md has no example of scene.yaml");
-    if (end) {
-        *end = '\0';
-        TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, parse(begin + sizeof fence - 1), error.text);
-    }
+    char *text = docs_example("formats.md", "scene.yaml");
+    TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, parse(text), error.text);
+    free(text);
     TEST_ASSERT_EQUAL_UINT64(4, scene.light_count);
     TEST_ASSERT_EQUAL_UINT64(2, scene.object_count);
     TEST_ASSERT_EQUAL_INT(LIGHT_PROJECTOR, scene.lights[1].kind);

@@ -83,41 +83,6 @@ char *text_replace(const char *text, const char *from, const char *to)
     return replaced;
 }
 
-char *formats_example(const char *name)
-{
-    return documentation_example("formats.md", name);
-}
-
-char *documentation_example(const char *document, const char *name)
-{
-    char path[512];
-    char heading[64], line[512];
-    char *text = NULL;
-    size_t size = 0;
-    enum { BEFORE, BELOW, INSIDE, BEHIND } where = BEFORE;
-    (void)snprintf(path, sizeof path, "%s/%s", DOCS, document);
-    FILE *file = fopen(path, "r");
-    FILE *block = open_memstream(&text, &size);
-    TEST_ASSERT_NOT_NULL_MESSAGE(file, path);
-    TEST_ASSERT_NOT_NULL(block);
-    (void)snprintf(heading, sizeof heading, "## %s\n", name);
-    while (fgets(line, sizeof line, file) && where != BEHIND) {
-        if (where == INSIDE && strncmp(line, "```", 3) == 0) {
-            where = BEHIND;
-        } else if (where == INSIDE) {
-            TEST_ASSERT_TRUE(fputs(line, block) >= 0);
-        } else if (where == BELOW && strcmp(line, "```yaml\n") == 0) {
-            where = INSIDE;
-        } else if (strcmp(line, heading) == 0) {
-            where = BELOW;
-        }
-    }
-    (void)fclose(file);
-    TEST_ASSERT_EQUAL_INT(0, fclose(block));
-    TEST_ASSERT_EQUAL_INT_MESSAGE(BEHIND, where, heading);
-    return text;
-}
-
 static int faulty_arm(struct camera *camera, int64_t exposure_ns, struct nacre_error *error)
 {
     struct camera *inner = ((struct faulty_camera *)camera)->inner;

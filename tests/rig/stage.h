@@ -31,12 +31,6 @@ void stage_write(const struct stage *stage, const char *name, const char *text);
 /* `text` with the first `from` replaced by `to`; heap. */
 char *text_replace(const char *text, const char *from, const char *to);
 
-/* The first ```yaml block below the heading "## NAME" of docs/formats.md; heap. */
-char *formats_example(const char *name);
-
-/* The same of another document there, "station.md". */
-char *documentation_example(const char *document, const char *name);
-
 enum fault {
     FAULT_LATE,     /* the frame began too late after its trigger */
     FAULT_EARLY,    /* the frame began before its trigger */

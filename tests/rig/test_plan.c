@@ -2,6 +2,7 @@
 #include "rig/plan.h"
 
 #include "stage.h"
+#include "tests/docs.h"
 #include "unity.h"
 
 #include <stdlib.h>
@@ -45,7 +46,7 @@ static void refuses(const char *from, const char *to, const char *what)
 static void plan_of_the_documentation_is_read(void)
 {
     struct plan plan;
-    char *text = formats_example("plan.yaml");
+    char *text = docs_example("formats.md", "plan.yaml");
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, read_text(text, &plan), error.text);
     TEST_ASSERT_EQUAL_INT(25, plan.grid_spacing);
     TEST_ASSERT_EQUAL_INT(625, plan_pattern_count(&plan, PATTERN_GRID));

@@ -3,6 +3,7 @@
 #include "rig/station.h"
 
 #include "stage.h"
+#include "tests/docs.h"
 #include "unity.h"
 
 #include <stdlib.h>
@@ -55,7 +56,7 @@ static void pitch_follows_from_the_measured_width(void)
 static void station_of_the_documentation_is_read(void)
 {
     struct station station;
-    char *text = formats_example("station.yaml");
+    char *text = docs_example("formats.md", "station.yaml");
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, read_text(text, &station), error.text);
     TEST_ASSERT_EQUAL_INT(48, station.sample.width);
     TEST_ASSERT_EQUAL_DOUBLE(0.5, station.sample.pitch_mm);
@@ -73,7 +74,7 @@ static void station_of_the_documentation_is_read(void)
 static void real_station_of_the_documentation_is_read(void)
 {
     struct station station;
-    char *text = documentation_example("station.md", "Station file");
+    char *text = docs_example("station.md", "Station file");
     TEST_ASSERT_EQUAL_INT_MESSAGE(NACRE_OK, read_text(text, &station), error.text);
     TEST_ASSERT_EQUAL_INT(CAMERA_DRIVER_V4L2, station.camera.driver);
     TEST_ASSERT_EQUAL_INT(620, station.camera.v4l2.left);

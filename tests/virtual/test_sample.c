@@ -1,7 +1,7 @@
 /* Sample files: the documented example and the shipped ones, what lies where, and what is refused. */
 #include "rig/virtual/medium.h"
 #include "rig/virtual/sample.h"
-#include "tests/files.h"
+#include "tests/docs.h"
 #include "tests/nacre/scratch.h"
 
 #include <math.h>
@@ -55,19 +55,9 @@ static int at(double x, double y, double z)
 
 static void documented_example_is_read(void)
 {
-    static const char fence[] = "```yaml\n";
-    size_t size = 0;
-    char *page = (char *)file_read(DOCS "/formats.md", &size);
-    TEST_ASSERT_NOT_NULL(page);
-    char *section = strstr(page, "\n## sample.yaml\n");
-    char *begin = section ? strstr(section, fence) : NULL;
-    char *end = begin ? strstr(begin + sizeof fence - 1, "```\n") : NULL;
-    TEST_ASSERT_NOT_NULL_MESSAGE(end, "formats.md has no example of sample.yaml");
-    if (end) {
-        *end = '\0';
-        read_text(begin + sizeof fence - 1);
-    }
-    free(page);
+    char *text = docs_example("formats.md", "sample.yaml");
+    read_text(text);
+    free(text);
     TEST_ASSERT_EQUAL_INT(32, sample.width);
     TEST_ASSERT_EQUAL_UINT64(3, sample.material_count);
     TEST_ASSERT_EQUAL_UINT64(6, sample.inclusion_count);
