@@ -22,7 +22,11 @@ struct ratio_words ratio_words(double before, double after)
 {
     struct ratio_words words;
     double ratio = before > after ? before / after : after / before;
-    const char *format = before > after ? "1/%.*f" : "%.*f/1";
-    (void)snprintf(words.text, sizeof words.text, format, ratio < whole_ratio ? 1 : 0, ratio);
+    int digits = ratio < whole_ratio ? 1 : 0;
+    if (before > after) {
+        (void)snprintf(words.text, sizeof words.text, "1/%.*f", digits, ratio);
+    } else {
+        (void)snprintf(words.text, sizeof words.text, "%.*f/1", digits, ratio);
+    }
     return words;
 }
