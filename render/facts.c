@@ -86,16 +86,17 @@ static bool is_convex(const struct mesh *mesh, double extent)
 }
 
 void facts_of_mesh(struct render_object_facts *facts, const struct mesh *mesh,
-                   const struct scene_camera *camera, const struct scene_image *image)
+                   const struct scene *scene)
 {
-    struct vec3 eye = vec3_from_doubles(camera->position_mm);
+    struct vec3 eye = vec3_from_doubles(scene->camera.position_mm);
     mesh_bounds(mesh, &facts->low, &facts->high);
-    facts->convex = is_convex(mesh, vec3_length(vec3_subtract(facts->high, facts->low)));
+    facts->convex = scene->object_count == 1 &&
+                    is_convex(mesh, vec3_length(vec3_subtract(facts->high, facts->low)));
     struct vec3 outside = {fmax(fmax(facts->low.x - eye.x, eye.x - facts->high.x), 0),
                            fmax(fmax(facts->low.y - eye.y, eye.y - facts->high.y), 0),
                            fmax(fmax(facts->low.z - eye.z, eye.z - facts->high.z), 0)};
-    double half = tan(camera->angle_deg / 2 * acos(-1.0) / 180);
-    facts->pixel_mm = vec3_length(outside) * 2 * half / image->width;
+    double half = tan(scene->camera.angle_deg / 2 * acos(-1.0) / 180);
+    facts->pixel_mm = vec3_length(outside) * 2 * half / scene->image.width;
 }
 
 double facts_thin_share(const struct world *world, size_t object, const struct mesh *mesh,

@@ -14,7 +14,7 @@ void facts_of_material(struct render_object_facts *facts, const struct nacre_mat
 
 /* The mesh in its place, before its edges are split. */
 void facts_of_mesh(struct render_object_facts *facts, const struct mesh *mesh,
-                   const struct scene_camera *camera, const struct scene_image *image);
+                   const struct scene *scene);
 
 /* The share of the surface where a ray inward meets the other side within `reach_mm`; a few thousand triangles are
  * looked at. `object` is the mesh's number in the world. */

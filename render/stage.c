@@ -175,8 +175,7 @@ static int prepare_object(struct stage *stage, size_t index, struct nacre_error 
         place(stage, index, error) != NACRE_OK) {
         return NACRE_FAILED;
     }
-    facts_of_mesh(&stage->facts[index], &prepared->mesh, &stage->scene->camera,
-                  &stage->scene->image);
+    facts_of_mesh(&stage->facts[index], &prepared->mesh, stage->scene);
     return NACRE_OK;
 }
 
