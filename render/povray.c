@@ -110,8 +110,8 @@ static int wait_for(pid_t pid, int log, struct progress *progress, int *result,
     for (;;) {
         struct timespec look = {.tv_nsec = LOOK_NS};
         pid_t ended = waitpid(pid, result, WNOHANG);
-        if (ended == pid) {
-            return NACRE_OK;
+        if (ended == pid) { /* perhaps by the same Ctrl-C, which goes to both */
+            return progress_step(progress, 1, 1, NULL, error);
         }
         if (ended < 0 && errno != EINTR) {
             return nacre_fail_errno(error, errno, "cannot wait for povray");

@@ -21,11 +21,23 @@ static void note_signal(int number)
     interrupted = 1;
 }
 
+/* A terminal that closes sends it more than once: by the kernel and by its shell. */
+static void note_hangup(int number)
+{
+    (void)number;
+    interrupted = 1;
+}
+
 void progress_catch_signals(void)
 {
-    struct sigaction action = {.sa_handler = note_signal, .sa_flags = SA_RESTART};
+    struct sigaction action = {.sa_handler = note_signal, .sa_flags = SA_RESTART}, before = {0};
     (void)sigaction(SIGINT, &action, NULL); /* fails for unknown signals only */
     (void)sigaction(SIGTERM, &action, NULL);
+    (void)sigaction(SIGHUP, NULL, &before);
+    if (before.sa_handler != SIG_IGN) { /* as under nohup */
+        action.sa_handler = note_hangup;
+        (void)sigaction(SIGHUP, &action, NULL);
+    }
 }
 
 bool progress_interrupted(void)

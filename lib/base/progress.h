@@ -36,7 +36,8 @@ int progress_step(struct progress *progress, double done, double total, const ch
 /* Wipe the bar. NULL is allowed. */
 void progress_end(struct progress *progress);
 
-/* Make SIGINT and SIGTERM set the flag that progress_step reports; a second signal ends the process at once. */
+/* Make SIGINT, SIGTERM and, unless it is ignored, SIGHUP set the flag that progress_step reports; a second one of the first
+ * two ends the process at once. */
 void progress_catch_signals(void);
 
 /* Whether such a signal came. */

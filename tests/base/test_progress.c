@@ -201,6 +201,29 @@ static void a_signal_cancels_the_next_step_with_or_without_a_bar(void)
     TEST_ASSERT_EQUAL_STRING("", text);
 }
 
+static void hang_up_a_task(void)
+{
+    progress_catch_signals();
+    (void)raise(SIGHUP);
+    (void)raise(SIGHUP); /* from the shell, too */
+    _exit(progress_interrupted() ? 0 : 1);
+}
+
+static void hang_up_without_care(void)
+{
+    (void)signal(SIGHUP, SIG_IGN);
+    progress_catch_signals();
+    (void)raise(SIGHUP);
+    _exit(progress_interrupted() ? 1 : 0);
+}
+
+static void a_terminal_that_closes_cancels_unless_that_is_ignored(void)
+{
+    char text[4096];
+    run_on_terminal(hang_up_a_task, 0, text, sizeof text);
+    run_on_terminal(hang_up_without_care, 0, text, sizeof text);
+}
+
 static void a_zeroed_progress_is_silent_and_ends(void)
 {
     struct progress progress = {0};
@@ -237,6 +260,7 @@ int main(void)
     RUN_TEST(at_most_ten_lines_a_second_are_drawn);
     RUN_TEST(parts_outside_0_to_1_are_drawn_as_the_nearest_end);
     RUN_TEST(a_signal_cancels_the_next_step_with_or_without_a_bar);
+    RUN_TEST(a_terminal_that_closes_cancels_unless_that_is_ignored);
     RUN_TEST(a_zeroed_progress_is_silent_and_ends);
     RUN_TEST(the_clock_never_goes_back_and_sleeps_at_least_as_long);
     return UNITY_END();

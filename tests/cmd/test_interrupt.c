@@ -9,6 +9,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 #include <unity.h>
 
@@ -118,10 +119,54 @@ static void a_stopped_scan_resumes_to_what_it_would_have_been(void)
     free(seventh);
 }
 
+/* A povray that closes the terminal behind the picture: nothing of it may stay in the folder for temporary files. */
+static void a_terminal_that_closes_leaves_no_temporary_folder(void)
+{
+    const char *path = getenv("PATH"), *temporary = getenv("TMPDIR");
+    char *scene = path_join(folder, "scene.yaml"), *below = path_join(folder, "below");
+    char *output = path_join(folder, "picture.png"), *povray = path_join(folder, "povray");
+    char *old_path = strdup(path ? path : ""), *old_temporary = strdup(temporary ? temporary : "");
+    char *new_path = NULL;
+    TEST_ASSERT_TRUE(asprintf(&new_path, "%s:%s", folder, old_path) > 0);
+    TEST_ASSERT_EQUAL_INT(0, mkdir(below, 0700));
+    text_write(scene, "image: {width: 16, height: 12}\n"
+                      "camera: {position_mm: [0, -90, 40], at_mm: [0, 0, 0]}\n"
+                      "lights: [{kind: point, position_mm: [10, 5, 60]}]\n"
+                      "objects: [{shape: quad, size_mm: [40, 40, 1], color: 0.8}]\n");
+    text_write(povray,
+               "#!/bin/sh\nls > ../seen\nkill -HUP $PPID\nkill -HUP $PPID\nexec sleep 60\n");
+    TEST_ASSERT_EQUAL_INT(0, chmod(povray, 0700));
+    (void)setenv("PATH", new_path, 1);
+    (void)setenv("TMPDIR", below, 1);
+    struct spawned stopped = RUN(NULL, "render", scene, "-o", output);
+    (void)setenv("PATH", old_path, 1);
+    (void)(temporary ? setenv("TMPDIR", old_temporary, 1) : unsetenv("TMPDIR"));
+    TEST_ASSERT_EQUAL_INT_MESSAGE(STOPPED, stopped.status, stopped.errors);
+    char *seen = path_join(below, "seen");
+    size_t size = 0;
+    char *names = (char *)file_read(seen, &size);
+    TEST_ASSERT_NOT_NULL(names);
+    TEST_ASSERT_NOT_NULL_MESSAGE(strstr(names, "scene.pov"), names);
+    TEST_ASSERT_EQUAL_INT(0, unlink(seen));
+    TEST_ASSERT_EQUAL_INT_MESSAGE(0, rmdir(below), "something was left");
+    TEST_ASSERT_TRUE(access(output, F_OK) != 0);
+    spawned_finish(&stopped);
+    free(names);
+    free(seen);
+    free(scene);
+    free(below);
+    free(output);
+    free(povray);
+    free(old_path);
+    free(old_temporary);
+    free(new_path);
+}
+
 int main(void)
 {
     UNITY_BEGIN();
     RUN_TEST(a_stopped_factorization_leaves_a_whole_material);
     RUN_TEST(a_stopped_scan_resumes_to_what_it_would_have_been);
+    RUN_TEST(a_terminal_that_closes_leaves_no_temporary_folder);
     return UNITY_END();
 }
