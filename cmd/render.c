@@ -126,7 +126,8 @@ static const struct option_spec options[] = {
      .kind = OPTION_STRING,
      .argument = "DIR",
      .offset = offsetof(struct render_options, pov),
-     .sentence = "leave the POV-Ray files in this folder, to be edited"},
+     .sentence =
+         "leave the POV-Ray files in this folder, to be edited; edited ones are not overwritten"},
     {0}};
 
 /* That OpenGL draws. */

@@ -2,25 +2,25 @@
 #include "render/pov.h"
 
 #include "render/fresnel.h"
-#include "render/output_file.h"
+#include "render/pov_digest.h"
 #include "render/pov_sky.h"
 
+#include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
 
 enum { AREA_LIGHTS = 9 }; /* on a side; 2^3 + 1, as `adaptive` wants */
 
-/* Paths in the folder, on the heap; NULL when memory ran out. */
-static char *main_path(const char *folder)
+/* A path in the folder, on the heap; NULL when memory ran out. */
+__attribute__((format(printf, 2, 3))) static char *path_in(const char *folder, const char *format,
+                                                           ...)
 {
-    char *path = NULL;
-    return asprintf(&path, "%s/" POV_MAIN, folder) < 0 ? NULL : path;
-}
-
-static char *part_path(const char *folder, const char *name, size_t number, const char *ending)
-{
-    char *path = NULL;
-    return asprintf(&path, "%s/%s-%zu.%s", folder, name, number, ending) < 0 ? NULL : path;
+    char name[64], *path = NULL;
+    va_list arguments;
+    va_start(arguments, format);
+    (void)vsnprintf(name, sizeof name, format, arguments);
+    va_end(arguments);
+    return asprintf(&path, "%s/%s", folder, name) < 0 ? NULL : path;
 }
 
 static void put_vector(FILE *file, struct vec3 v)
@@ -83,12 +83,12 @@ static void put_slide(FILE *file, const struct light *light, size_t number)
         put_case(file, light, l, s, w, h);
         return;
     }
-    (void)fprintf(
-        file,
-        "polygon {\n  5, <0, 0>, <1, 0>, <1, 1>, <0, 1>, <0, 0>\n"
-        "  pigment { image_map { exr \"slide-%zu.exr\" once interpolate 2 filter all 1 } }\n"
-        "  finish { ambient 0 diffuse 0 }\n  matrix ",
-        number);
+    (void)fprintf(file,
+                  "polygon {\n  5, <0, 0>, <1, 0>, <1, 1>, <0, 1>, <0, 0>\n"
+                  "  pigment { image_map { exr \"" POV_SLIDE
+                  "\" once interpolate 2 filter all 1 } }\n"
+                  "  finish { ambient 0 diffuse 0 }\n  matrix ",
+                  number);
     struct vec3 columns[4] = {vec3_scale(light->right, 2 * w), vec3_scale(light->up, 2 * h),
                               light->forward, corner};
     (void)fprintf(file, "<");
@@ -151,7 +151,7 @@ static void put_everything(FILE *file, const struct scene *scene, const struct l
         }
     }
     for (size_t i = 0; i < scene->object_count; i++) {
-        (void)fprintf(file, "#include \"object-%zu.inc\"\n", i);
+        (void)fprintf(file, "#include \"" POV_OBJECT "\"\n", i);
     }
     for (int own = 1; area && own >= 0; own--) {
         (void)fprintf(file, own ? "\n#if (" POV_BAKED ")\nlight_group {\n" : "#else\n");
@@ -289,11 +289,11 @@ static int write_object(const char *folder, const struct pov_object *object, siz
                         const struct scene *scene, struct nacre_error *error)
 {
     struct output_file output;
-    int status = output_file_open(&output, part_path(folder, "object", number, "inc"), error);
+    int status = pov_text_open(&output, path_in(folder, POV_OBJECT, number), error);
     if (status == NACRE_OK) {
         put_object(output.file, object, number, scene);
     }
-    return output_file_close(&output, status, error);
+    return pov_text_close(&output, status, error);
 }
 
 static int write_main(const char *folder, const struct scene *scene, const struct light *lights,
@@ -301,11 +301,11 @@ static int write_main(const char *folder, const struct scene *scene, const struc
                       struct nacre_error *error)
 {
     struct output_file output;
-    int status = output_file_open(&output, main_path(folder), error);
+    int status = pov_text_open(&output, path_in(folder, POV_MAIN), error);
     if (status == NACRE_OK) {
         FILE *file = output.file;
         (void)fprintf(file,
-                      "// Written by nacre render. Lengths are in mm, z is up. Render with\n"
+                      "// Lengths are in mm, z is up. Render with\n"
                       "//   povray +I" POV_MAIN " +Opicture.exr +FE +W%d +H%d +A\n"
                       "#version 3.7;\nglobal_settings { assumed_gamma 1.0 }\n\n"
                       "// At 0 POV-Ray traces area lights on plain objects itself: slower, in "
@@ -316,7 +316,7 @@ static int write_main(const char *folder, const struct scene *scene, const struc
         put_camera(file, scene);
         put_everything(file, scene, lights, objects);
     }
-    return output_file_close(&output, status, error);
+    return pov_text_close(&output, status, error);
 }
 
 int pov_write(const char *folder, const struct scene *scene, const struct light *lights,
@@ -329,10 +329,7 @@ int pov_write(const char *folder, const struct scene *scene, const struct light 
     }
     for (size_t i = 0; status == NACRE_OK && i < scene->light_count; i++) {
         if (lights[i].slide.rgb) {
-            char *path = part_path(folder, "slide", i, "exr");
-            status = path ? picture_write(path, &lights[i].slide, NULL, error)
-                          : nacre_fail_memory(error, "the name of a POV-Ray file");
-            free(path);
+            status = pov_picture_write(path_in(folder, POV_SLIDE, i), &lights[i].slide, error);
         }
     }
     if (status == NACRE_OK && environment && environment->picture.rgb) {

@@ -10,8 +10,10 @@
 #include <stdbool.h>
 #include <stddef.h>
 
-/* Name of the main file in the folder. */
-#define POV_MAIN "scene.pov"
+/* Names of the main file in the folder, and of those of an object and of a projector, by number. */
+#define POV_MAIN   "scene.pov"
+#define POV_OBJECT "object-%zu.inc"
+#define POV_SLIDE  "slide-%zu.exr"
 
 struct pov_object {
     const struct mesh *mesh;
@@ -27,7 +29,7 @@ struct pov_object {
 #define POV_BAKED "baked"
 
 /* Write scene.pov, an include file for each object and an EXR for each projected picture and the environment's into an
- * existing folder. `lights` are those of the scene, and then, if `environment` is not NULL, so is that.
+ * existing folder, over what is there (pov_folder.h). `lights` are those of the scene, and then, if `environment` is not NULL, so is that.
  * Pixel values of what POV-Ray makes of them, with assumed_gamma 1, are the picture's (see scene.h). */
 int pov_write(const char *folder, const struct scene *scene, const struct light *lights,
               const struct environment *environment, const struct pov_object *objects,

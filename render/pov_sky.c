@@ -1,6 +1,8 @@
 /* Writing POV-Ray's sky. */
 #include "render/pov_sky.h"
 
+#include "render/pov_digest.h"
+
 #include <stdlib.h>
 
 /* HALF's largest value: a sun may be brighter than a picture can show. */
@@ -41,9 +43,7 @@ int pov_sky_write(const char *folder, const struct environment *environment, dou
     if (asprintf(&path, "%s/" POV_SKY, folder) < 0) {
         path = NULL;
     }
-    status = path ? picture_write(path, &exposed, NULL, error)
-                  : nacre_fail_memory(error, "the name of a POV-Ray file");
-    free(path);
+    status = pov_picture_write(path, &exposed, error);
     picture_finish(&exposed);
     return status;
 }

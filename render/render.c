@@ -4,7 +4,7 @@
 #include "base/clock.h"
 #include "render/half_range.h"
 #include "render/pov.h"
-#include "render/pov_sky.h"
+#include "render/pov_folder.h"
 #include "render/povray.h"
 #include "render/preview.h"
 #include "render/stage_refine.h"
@@ -59,7 +59,7 @@ static int make_asked_folder(struct work *work, struct nacre_error *error)
         return nacre_fail(error, "%s: POV-Ray's files need a folder, and this is none", folder);
     }
     return access(folder, W_OK | X_OK) == 0
-               ? NACRE_OK
+               ? pov_folder_check(folder, work->scene, error)
                : nacre_fail_errno(error, errno, "%s: POV-Ray's files cannot be written there",
                                   folder);
 }
@@ -87,26 +87,6 @@ static int make_folder(struct work *work, const char **folder, struct nacre_erro
     }
     *folder = work->temporary;
     return NACRE_OK;
-}
-
-/* Remove the files that were written there, and the folder. What cannot be removed is left. */
-static void remove_temporary(const struct work *work)
-{
-    const char *const fixed[] = {POV_MAIN, "povray.log", "picture.exr", POV_SKY};
-    char path[4096];
-    for (size_t i = 0; i < sizeof fixed / sizeof *fixed; i++) {
-        (void)snprintf(path, sizeof path, "%s/%s", work->temporary, fixed[i]);
-        (void)unlink(path);
-    }
-    for (size_t i = 0; i < work->scene->object_count; i++) {
-        (void)snprintf(path, sizeof path, "%s/object-%zu.inc", work->temporary, i);
-        (void)unlink(path);
-    }
-    for (size_t i = 0; i < work->scene->light_count; i++) {
-        (void)snprintf(path, sizeof path, "%s/slide-%zu.exr", work->temporary, i);
-        (void)unlink(path);
-    }
-    (void)rmdir(work->temporary);
 }
 
 /* The scene for POV-Ray, brighter by `scale`. */
@@ -223,7 +203,7 @@ int render_scene(const struct scene *scene, const struct render_settings *settin
         status = trace(&work, 1, picture, report, error);
     }
     if (work.temporary) {
-        remove_temporary(&work);
+        pov_folder_remove(work.temporary, scene);
     } else if (work.made && settings->pov_folder && status != NACRE_OK) {
         (void)rmdir(settings->pov_folder); /* where it is still empty */
     }

@@ -1,4 +1,4 @@
-/* HALFs and rounding to them exactly as OpenEXR does when it stores. Private to libnacre. */
+/* HALFs and rounding to them exactly as OpenEXR does when it stores. */
 #ifndef NACRE_HALF_FLOAT_H
 #define NACRE_HALF_FLOAT_H
 

@@ -76,6 +76,7 @@ def main():
         print(f'nacre --error {wish:4}               {seconds:8.1f} s', flush=True)
     scene = write_scene('plain.yaml', 'color: [0.9, 0.8, 0.6]')
     files = os.path.join(folder, 'pov')
+    shutil.rmtree(files, ignore_errors=True)  # edited below, so nacre would not write over it
     timed(nacre, 'render', scene, '-o', os.path.join(folder, 'plain.png'), '--povray-shadows', '--pov', files)
     edit(os.path.join(files, 'scene.pov'), 'assumed_gamma 1.0', 'assumed_gamma 1.0 mm_per_unit 1 subsurface { samples SAMPLES }')
     edit(os.path.join(files, 'object-0.inc'), 'emission 0', f'emission 0 subsurface {{ translucency rgb {TRANSLUCENCY} }}')
