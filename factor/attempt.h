@@ -39,7 +39,8 @@ struct attempt {
 };
 
 /* The clusters of the measured points, spread to the others, and their kernels; without `prepared` there is only room
- * for them. Clusters that are found are kept there. With `data` the model is that of a kernel per term. attempt_finish it, also after a failure. */
+ * for them. Clusters that are found are kept there. With `data` the model is that of a kernel per term. attempt_finish
+ * it, also after a failure. */
 int attempt_begin(struct attempt *attempt, const struct responses *responses,
                   struct factor_prepared *prepared, const struct terms_data *data,
                   const struct factor_options *options, int terms, int clusters,

@@ -4,7 +4,8 @@
 
 #include "factor/factors.h"
 
-/* planes[terms][points] become levels 0 ... 2^bits - 1, the roots of values over each plane's largest, which `largest`[terms] gets.
+/* planes[terms][points] become levels 0 ... 2^bits - 1, the roots of values over each plane's largest, which
+ * `largest`[terms] gets.
  *
  * At a measured point these are not the nearest ones but, term by term from there, those that change its light least: least
  * z^T A z, z the change of its values and A its normal matrix by the factors' other side and kernels. What is 0 stays 0. */

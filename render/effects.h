@@ -48,8 +48,8 @@ extern const char *const render_effects_forbiddable[];
 /* What decides about the effects of one object, found when it was made ready. */
 struct render_object_facts {
     struct vec3 low, high; /* of the mesh */
-    bool
-        convex; /* light from outside that falls on it meets it nowhere else first; asked of a scene's only object */
+    /* Light from outside that falls on it meets it nowhere else first; asked of a scene's only object. */
+    bool convex;
     double pixel_mm; /* what a pixel of the picture covers where the object is nearest */
     /* Of its material: */
     double point_mm;

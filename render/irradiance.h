@@ -56,8 +56,8 @@ static inline void irradiance_at(const struct lighting *lighting, const struct l
     irradiance_choose(lighting, point->index)(lighting, point, out, work);
 }
 
-/* The same for one soft light on a plain surface, where a quarter of the rays, and 36 at least, decides whether the point lies in the
- * penumbra: elsewhere the other rays are taken to agree with them. */
+/* The same for one soft light on a plain surface, where a quarter of the rays, and 36 at least, decides whether the
+ * point lies in the penumbra: elsewhere the other rays are taken to agree with them. */
 void irradiance_penumbra(const struct lighting *lighting, const struct light *light,
                          const struct lit_point *point, double out[3], struct light_work *work);
 

@@ -41,9 +41,9 @@ struct plain_split {
 int plain_split_seen(struct mesh *mesh, const struct plain_split *split, bool *limited,
                      struct nacre_error *error);
 
-/* Then split edges in the picture on which light falls unequally down to three quarters of a pixel: shadows end there, and vertices
- * below what stands on the mesh are dark. It is the light of soft lights, roughly, or of hard ones where none is soft; the
- * world may hold the mesh as it was before it was split. Adds to *work. */
+/* Then split edges in the picture on which light falls unequally down to three quarters of a pixel: shadows end there,
+ * and vertices below what stands on the mesh are dark. It is the light of soft lights, roughly, or of hard ones where
+ * none is soft; the world may hold the mesh as it was before it was split. Adds to *work. */
 int plain_split_lit(struct mesh *mesh, const struct plain_split *split,
                     const struct lighting *lighting, struct progress *progress, bool *limited,
                     struct light_work *work, struct nacre_error *error);

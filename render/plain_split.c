@@ -8,9 +8,9 @@
 /* Edges in the picture are no longer, nor those on which light changes; for other reasons they need not be shorter. */
 static const double edge_pixels = 8, change_pixels = 0.75, least_pixels = 4;
 
-/* Light changes by more than this share of what falls on the lighter end, and this of the most that falls anywhere: less
- * is drawn well by a straight line, as is a penumbra that fades to nothing. With a tenth, wide penumbras are split, too: three times
- * the triangles for the same picture. */
+/* Light changes by more than this share of what falls on the lighter end, and this of the most that falls anywhere:
+ * less is drawn well by a straight line, as is a penumbra that fades to nothing. With a tenth, wide penumbras are
+ * split, too: three times the triangles for the same picture. */
 static const double change_share = 0.3, change_floor = 0.04;
 
 /* Of a turntable's pictures, which are to be drawn quickly. */

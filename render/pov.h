@@ -29,7 +29,8 @@ struct pov_object {
 #define POV_BAKED "baked"
 
 /* Write scene.pov, an include file for each object and an EXR for each projected picture and the environment's into an
- * existing folder, over what is there (pov_folder.h). `lights` are those of the scene, and then, if `environment` is not NULL, so is that.
+ * existing folder, over what is there (pov_folder.h). `lights` are those of the scene, and then, if `environment` is not
+ * NULL, so is that.
  * Pixel values of what POV-Ray makes of them, with assumed_gamma 1, are the picture's (see scene.h). */
 int pov_write(const char *folder, const struct scene *scene, const struct light *lights,
               const struct environment *environment, const struct pov_object *objects,

@@ -39,7 +39,8 @@ struct lit_surface {
 };
 
 /* Points spread over the surface, `density` to the mm^2 and at least one in each triangle, each lit as irradiance_at
- * does. With lighting->before, those that come behind so many of the same seed. Deterministic for a seed on any number of threads. */
+ * does. With lighting->before, those that come behind so many of the same seed. Deterministic for a seed on any number
+ * of threads. */
 int samples_spread(const struct lit_surface *surface, const struct lighting *lighting,
                    double density, struct progress *progress, struct light_samples *samples,
                    struct nacre_error *error);

@@ -33,8 +33,8 @@ struct stage {
     bool plain_lit; /* what lights make of plain objects stands in their light already */
 };
 
-/* Place meshes and lights and plan the effects; light is zero so far. Allocates report->objects. The scene and the settings must outlive the
- * stage, which is to be finished whatever is returned. */
+/* Place meshes and lights and plan the effects; light is zero so far. Allocates report->objects. The scene and the
+ * settings must outlive the stage, which is to be finished whatever is returned. */
 int stage_prepare(struct stage *stage, const struct scene *scene,
                   const struct render_settings *settings, struct render_report *report,
                   struct nacre_error *error);

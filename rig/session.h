@@ -1,10 +1,9 @@
-/* A session folder: the files of one acquisition, written pattern by pattern and read back by
- * develop.
+/* A session folder: the files of one acquisition, written pattern by pattern and read back by develop.
  *
- * SESSION/station.yaml, plan.yaml: as used; session.yaml: an id that each pattern file names. SESSION/calibration/{black,white,dots}-NNN.exr and
- * SESSION/frames/NNNNNN.exr (grids): one multi-part file a pattern, one part an exposure, named
- * after its time; channel `raw` UINT, ZIP. A pattern file that exists is whole. docs/formats.md has
- * the attributes. */
+ * SESSION/station.yaml, plan.yaml: as used; session.yaml: an id that each pattern file names.
+ * SESSION/calibration/{black,white,dots}-NNN.exr and SESSION/frames/NNNNNN.exr (grids): one multi-part file a pattern,
+ * one part an exposure, named after its time; channel `raw` UINT, ZIP. A pattern file that exists is whole.
+ * docs/formats.md has the attributes. */
 #ifndef RIG_SESSION_H
 #define RIG_SESSION_H
 

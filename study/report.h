@@ -13,8 +13,8 @@ struct report_request {
     size_t picture_count;
 };
 
-/* Write the page to `path`, whole or not at all: photograph, albedo and error map (Peers et al. 2006, figure 7), measured responses
- * beside factored ones, convergence, kernels, the row of Table 1 and the pictures. */
+/* Write the page to `path`, whole or not at all: photograph, albedo and error map (Peers et al. 2006, figure 7),
+ * measured responses beside factored ones, convergence, kernels, the row of Table 1 and the pictures. */
 int report_write(const char *path, const struct report_request *request, struct progress *progress,
                  struct nacre_error *error);
 

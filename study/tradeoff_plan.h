@@ -5,8 +5,9 @@
 #include "study/tradeoff.h"
 
 /* The next setting that is expected to take no more than `seconds`; false when nothing promising is left. First a few
- * cheap ones, one for each model, method and weight; then neighbours of runs on a front, those first that promise most for their seconds. Settings that
- * no front holds have no neighbours tried. *predicted: seconds that it may take; 0: not known. */
+ * cheap ones, one for each model, method and weight; then neighbours of runs on a front, those first that promise most
+ * for their seconds. Settings that no front holds have no neighbours tried. *predicted: seconds that it may take; 0:
+ * not known. */
 bool tradeoff_next(const struct tradeoff *tradeoff, double seconds, struct tradeoff_setting *next,
                    double *predicted);
 

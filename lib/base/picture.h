@@ -19,9 +19,9 @@ void picture_finish(struct picture *picture);
  * gAMA where that says something else; what is transparent is black). */
 int picture_read(const char *path, struct picture *picture, struct nacre_error *error);
 
-/* Write by the ending of the name: .exr (HALF, or FLOAT where a value passes 65504; ZIP, with `key=value` string attributes "nacre.KEY" from the
- * NULL-terminated list, which may be NULL) or .png (sRGB, values clipped to 0..1, NaN as magenta, the attributes as
- * text). */
+/* Write by the ending of the name: .exr (HALF, or FLOAT where a value passes 65504; ZIP, with `key=value` string
+ * attributes "nacre.KEY" from the NULL-terminated list, which may be NULL) or .png (sRGB, values clipped to 0..1, NaN
+ * as magenta, the attributes as text). */
 int picture_write(const char *path, const struct picture *picture, const char *const *attributes,
                   struct nacre_error *error);
 

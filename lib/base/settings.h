@@ -56,8 +56,9 @@ int settings_parse(const char *name, const char *folder, const char *text, size_
                    const struct settings_schema *schema, void *out, struct nacre_error *error);
 
 /* Write *in as YAML that settings_read takes back with equal values: the whole file or none. Values equal to their
- * default are written too, so that the file says everything. What was left out and has no default that could be written is left out again. Relative paths, which
- * hold from the working folder, are written as absolute ones. What settings_read would refuse is refused here. */
+ * default are written too, so that the file says everything. What was left out and has no default that could be written
+ * is left out again. Relative paths, which hold from the working folder, are written as absolute ones. What
+ * settings_read would refuse is refused here. */
 int settings_write(const char *path, const struct settings_schema *schema, const void *in,
                    struct nacre_error *error);
 

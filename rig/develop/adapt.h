@@ -32,9 +32,9 @@ struct adapt_result {
     double seconds; /* of exposing */
 };
 
-/* Change `plan`, the pilot's own, whose window is set: grid_spacing and regions, exposure_turns (up to four whole turns from the
- * pilot's first one, which white needs and is always there, to its longest), black_frames, and a profile where windows overlap. It is laid over
- * the station's sample. Fails where `seconds` cannot be kept. */
+/* Change `plan`, the pilot's own, whose window is set: grid_spacing and regions, exposure_turns (up to four whole turns
+ * from the pilot's first one, which white needs and is always there, to its longest), black_frames, and a profile where
+ * windows overlap. It is laid over the station's sample. Fails where `seconds` cannot be kept. */
 int adapt_plan(const struct pilot *pilot, const struct station *station,
                const struct adapt_wish *wish, struct plan *plan, struct adapt_result *result,
                struct nacre_error *error);

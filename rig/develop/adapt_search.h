@@ -45,8 +45,8 @@ struct search {
     double *bounds; /* [responses]: of it; more than wished where no set reaches that */
 };
 
-/* All sets of the first exposure and up to three others of a ladder between the pilot's first and longest; and their noise, once for
- * all bounds. Both are freed by the caller. */
+/* All sets of the first exposure and up to three others of a ladder between the pilot's first and longest; and their
+ * noise, once for all bounds. Both are freed by the caller. */
 int adapt_sets_make(struct search *search, const struct plan *pilot_plan,
                     struct nacre_error *error);
 int adapt_sets_tabulate(struct search *search, struct nacre_error *error);

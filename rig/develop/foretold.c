@@ -27,8 +27,8 @@ static double dark_variance(const struct station *station, double black, const d
     return 1 / weight;
 }
 
-/* The pilot's black frames tell how a pixel's variance becomes an entry's: the fit over mixed pixels, of which each colour has its own
- * number, and white. */
+/* The pilot's black frames tell how a pixel's variance becomes an entry's: the fit over mixed pixels, of which each
+ * colour has its own number, and white. */
 void foretold_init(struct foretold *foretold, const struct pilot *pilot,
                    const struct station *station, const struct plan *plan)
 {

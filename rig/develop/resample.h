@@ -34,7 +34,8 @@ struct misfit {
 struct resampler;
 
 /* Make ready for frames of the flat field's size and order. `map` is surface to camera; the camera is out of focus by a
- * deviation of `blur` pixels, which DEMOSAIC_FIT takes into account. Keeps neither argument. Fails where more than 1 % of the points are seen by no pixel of some colour. */
+ * deviation of `blur` pixels, which DEMOSAIC_FIT takes into account. Keeps neither argument. Fails where more than 1 %
+ * of the points are seen by no pixel of some colour. */
 int resampler_new(const struct flat *flat, const struct camera_map *map, int surface_width,
                   int surface_height, enum demosaic demosaic, double blur,
                   struct resampler **resampler, struct nacre_error *error);

@@ -4,8 +4,8 @@
 
 #include <math.h>
 
-/* The largest misfit at which the fit is used; measured, not derived. The virtual station's sharp camera stays below 0.03. Light that is blurred
- * by a tenth of a point exceeds it, and Malvar is nearer (tests/develop/test_resample.c). */
+/* The largest misfit at which the fit is used; measured, not derived. The virtual station's sharp camera stays below
+ * 0.03. Light that is blurred by a tenth of a point exceeds it, and Malvar is nearer (tests/develop/test_resample.c). */
 static const double misfit_limit = 0.1;
 
 /* What a sharp camera leaves, and how much of it a blur that is believed leaves at most. */

@@ -192,7 +192,8 @@ static bool bench(const char *nacre, const char *folder, const char *model)
     return good;
 }
 
-/* Arguments: the program `nacre`; the one model wanted, clusters or terms. The scan, a gigabyte, goes to $TMPDIR or /tmp for the time being. */
+/* Arguments: the program `nacre`; the one model wanted, clusters or terms. The scan, a gigabyte, goes to $TMPDIR or
+ * /tmp for the time being. */
 int main(int argc, char **argv)
 {
     if (argc < 2 || argc > 3) {

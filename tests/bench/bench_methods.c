@@ -163,7 +163,8 @@ static void print_rows(const struct race *r, unsigned units)
     printf(" %d | %.1f s |\n", asked_ratio(r->of), numba_goal(r->of));
 }
 
-/* Arguments: --half for responses as half floats; numbers of the cases, from 0; none for all but the smallest. Cases of three channels are left out. */
+/* Arguments: --half for responses as half floats; numbers of the cases, from 0; none for all but the smallest. Cases of
+ * three channels are left out. */
 int main(int argc, char **argv)
 {
     struct nacre_error error = {0};

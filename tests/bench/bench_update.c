@@ -122,7 +122,8 @@ static int number(const char *text)
     return (int)strtol(text, NULL, 10);
 }
 
-/* Arguments: --half for responses as half floats; --tile ROWS STEPS GROUP to try one; numbers of the cases, from 0, none for all of one channel. */
+/* Arguments: --half for responses as half floats; --tile ROWS STEPS GROUP to try one; numbers of the cases, from 0,
+ * none for all of one channel. */
 int main(int argc, char **argv)
 {
     struct update_tile tile = {0};

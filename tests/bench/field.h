@@ -36,7 +36,8 @@ void field_finish(struct field *field);
 /* The response of (x, y): response[channels][K][K], with about 0.6 % of noise. 0 outside the sample. */
 void field_response(const struct field *field, int x, int y, float *response);
 
-/* All of them in the working layout for `lanes`, as half floats or floats. Ends the program without memory; responses_finish frees them. */
+/* All of them in the working layout for `lanes`, as half floats or floats. Ends the program without memory;
+ * responses_finish frees them. */
 struct responses field_load(const struct field *field, int lanes, bool half);
 
 /* All of them as a scan; takes the memory of a row of responses. Ends the program after an error. */

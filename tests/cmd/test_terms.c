@@ -196,11 +196,11 @@ static void the_picture_is_that_of_the_same_responses_otherwise_written(void)
     free(bright);
 }
 
-/* The same through the factorizer: one term, found on the scan and stored at 8 bits. Its planes are the roots of two values,
- * 0.5 and 0.9 in red, 0.2 and 0.8 in blue, held to half a step of 255 in square root: the root of the greatest is 1, a step of
- * u is 2 sqrt(u) / 255 of it, so u = 0.5 / 0.9 is off by at most 0.0029 / 0.556 = 0.53 % and R by twice that; u = 0.25, in blue, by
- * 0.8 % and 1.6 %. Shared planes cannot be all of red, green and blue, whose ratios differ (0.56, 0.41 and 0.25), so channels
- * have planes of their own here. Half floats of the scan add 0.05 %. */
+/* The same through the factorizer: one term, found on the scan and stored at 8 bits. Its planes are the roots of two
+ * values, 0.5 and 0.9 in red, 0.2 and 0.8 in blue, held to half a step of 255 in square root: the root of the greatest
+ * is 1, a step of u is 2 sqrt(u) / 255 of it, so u = 0.5 / 0.9 is off by at most 0.0029 / 0.556 = 0.53 % and R by twice
+ * that; u = 0.25, in blue, by 0.8 % and 1.6 %. Shared planes cannot be all of red, green and blue, whose ratios differ
+ * (0.56, 0.41 and 0.25), so channels have planes of their own here. Half floats of the scan add 0.05 %. */
 static void one_term_is_found_on_the_scan(void)
 {
     char *path = path_join(folder, "factored.exr");

@@ -106,8 +106,8 @@ static void spacing_follows_the_footprint(void)
 {
     const struct kind wide = {3, 0.5};
     measure(wide, wide);
-    /* Beyond r lies (1 + x) e^-x of e^-x over the plane, x = r / 3; of a square of half side h less than beyond h, and more than beyond
-     * h sqrt(2). 5 % leave between 4.74 * 3 / sqrt(2) = 10 and 14.2. */
+    /* Beyond r lies (1 + x) e^-x of e^-x over the plane, x = r / 3; of a square of half side h less than beyond h, and
+     * more than beyond h sqrt(2). 5 % leave between 4.74 * 3 / sqrt(2) = 10 and 14.2. */
     adapt(0.05, 0.02, 0, 0);
     TEST_ASSERT_TRUE(plan.grid_spacing >= 2 * 10 + 1 && plan.grid_spacing <= 2 * 14 + 1);
     TEST_ASSERT_EQUAL_INT(0, plan.region_count);
@@ -167,8 +167,8 @@ static double ring_light(struct kind kind, int ring)
     return sum / (8 * ring);
 }
 
-/* The noise of a response off its centre over its light, of the plan's exposures: entry by entry, or with the light of each ring's
- * mean. */
+/* The noise of a response off its centre over its light, of the plan's exposures: entry by entry, or with the light of
+ * each ring's mean. */
 static double tails_of(struct kind kind, bool by_rings)
 {
     static const double turns[] = {1, 4, 15, 60, 240};
@@ -207,8 +207,8 @@ static void noise_is_foretold_by_the_sensor(void)
     TEST_ASSERT_DOUBLE_WITHIN(0.01 * expected, tails_of(kind, false), result.tails.mean);
 }
 
-/* Seconds of exposing, 30 turns a second, by the plan's exposures and those that each grid has: 4 white, 9 dots and the black frames
- * have all. */
+/* Seconds of exposing, 30 turns a second, by the plan's exposures and those that each grid has: 4 white, 9 dots and the
+ * black frames have all. */
 static double seconds_by_count(void)
 {
     double turns = 0;
@@ -238,8 +238,8 @@ static void narrow_and_dim_regions_get_long_exposures_alone(void)
     for (int g = 0; g < result.grids; g++) {
         with_most += plan.grids->exposures[g] == most;
     }
-    /* The column of blocks where the two meet is both wide and dark: 16 of the columns of the wide lattice need long exposures. The
-     * narrow lattice fits among these, or at worst into none of them. */
+    /* The column of blocks where the two meet is both wide and dark: 16 of the columns of the wide lattice need long
+     * exposures. The narrow lattice fits among these, or at worst into none of them. */
     int wide = result.widest * result.widest;
     int border = 16 * result.widest;
     TEST_ASSERT_TRUE(with_most >= border);

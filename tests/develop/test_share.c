@@ -115,10 +115,10 @@ static void responses_of_the_profile_come_back(void)
     for (int grid = 0; grid < 64; grid += 13) {
         paint(grid, 0);
         share_begin(share, grid, picture);
-        /* The profile is tabulated at whole points and geometric between, so exp(-r/l)/(1 + r) is off by the curvature of
-         * log(1 + r) over one point: half a per cent at 4 points, where half of an entry of 0.04 is foreign, in some 32 of them, and 2 % at 2,
-         * where 5 % of 0.3 are, in some 12: 0.04 * 0.25 * 0.005 * sqrt(32) + 0.3 * 0.02 * 0.05 * sqrt(12), 0.0013 of a
-         * response of 1.1. */
+        /* The profile is tabulated at whole points and geometric between, so exp(-r/l)/(1 + r) is off by the curvature
+         * of log(1 + r) over one point: half a per cent at 4 points, where half of an entry of 0.04 is foreign, in some
+         * 32 of them, and 2 % at 2, where 5 % of 0.3 are, in some 12: 0.04 * 0.25 * 0.005 * sqrt(32) + 0.3 * 0.02 *
+         * 0.05 * sqrt(12), 0.0013 of a response of 1.1. */
         TEST_ASSERT_TRUE(error_of(grid, 0, true) < 2e-3);
         TEST_ASSERT_TRUE(error_of(grid, 0, false) > 0.05); /* else this shows nothing */
     }

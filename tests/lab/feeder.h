@@ -61,7 +61,8 @@ struct feeder {
     bool watching;            /* `levels` were read while the line was up */
 };
 
-/* Without a chip the caller sets `look` next. Load v4l2loopback and set the feeder up for the virtual station in the file `station`, whose camera has 8 bits and RGGB. */
+/* Without a chip the caller sets `look` next. Load v4l2loopback and set the feeder up for the virtual station in the
+ * file `station`, whose camera has 8 bits and RGGB. */
 void feeder_begin(struct feeder *feeder, const char *station, const struct screen *screen,
                   const struct gpio_sim *chip);
 /* Unload it again; its node must not be open any more. One that is zeroed, or finished, is left alone. */

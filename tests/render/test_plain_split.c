@@ -104,7 +104,8 @@ static double looks(const struct scene *scene, const struct view *view, struct v
                : 0;
 }
 
-/* The most by which light differs along an edge that looks longer than three quarters of a pixel, beyond three tenths of the lighter end's. */
+/* The most by which light differs along an edge that looks longer than three quarters of a pixel, beyond three tenths
+ * of the lighter end's. */
 static double largest_change(const struct scene *scene, const struct lighting *lighting,
                              enum plain_light which)
 {
@@ -129,10 +130,11 @@ static double largest_change(const struct scene *scene, const struct lighting *l
     return largest;
 }
 
-/* No edge from light to dark that looks longer than three quarters of a pixel is seen: from under the box, or across a shadow's end, also
- * where the box hangs in the air; of an area light, and of a point where none is soft. Light is 0.8, the cosine, in the
- * open; a twenty-fifth of it may be left over, and 36 well spread rays leave a straight edge off by up to 1.5 of them at
- * either end: 0.032 + 2 * 0.033. Before, edges have up to all of it, or what an 8 pixels' part of the widest penumbra has. */
+/* No edge from light to dark that looks longer than three quarters of a pixel is seen: from under the box, or across a
+ * shadow's end, also where the box hangs in the air; of an area light, and of a point where none is soft. Light is 0.8,
+ * the cosine, in the open; a twenty-fifth of it may be left over, and 36 well spread rays leave a straight edge off by
+ * up to 1.5 of them at either end: 0.032 + 2 * 0.033. Before, edges have up to all of it, or what an 8 pixels' part of
+ * the widest penumbra has. */
 static void edges_end_where_shadows_end(void)
 {
     static const struct {

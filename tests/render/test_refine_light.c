@@ -117,9 +117,9 @@ static float *reference_light(void)
 }
 
 /* The light is correlated within a kernel, 25 surface points, and half the ball is lit: 2,450 / 25 = 98 independent
- * places, in which both the true and the estimated root mean square scatter by 1 / sqrt(2 98) = 7 %, their ratio by
- * 10 %; within four times that, 40 %. The reference has four times the samples and
- * more, one even set: it is off by less than half of the error, 12 % in the sum of squares, which the 40 % hold too. The tolerance is a bound on top. */
+ * places, in which both the true and the estimated root mean square scatter by 1 / sqrt(2 98) = 7 %, their ratio by 10
+ * %; within four times that, 40 %. The reference has four times the samples and more, one even set: it is off by less
+ * than half of the error, 12 % in the sum of squares, which the 40 % hold too. The tolerance is a bound on top. */
 static void the_error_that_is_told_is_the_error(void)
 {
     struct clock clock = clock_monotonic();
@@ -137,9 +137,9 @@ static void the_error_that_is_told_is_the_error(void)
 }
 
 /* Where light falls on a few surface points alone, the halves' difference is little more than one number, which may be
- * small by chance, and the first step's samples may all miss the light. The error told is not below what the light's rim
- * makes; true and told scatter by one number each, so that three standard errors are allowed, and half of a percent for the reference, which has
- * 1,400 samples in the light: 0.84 1400^(-3/4) = 0.4 %. */
+ * small by chance, and the first step's samples may all miss the light. The error told is not below what the light's
+ * rim makes; true and told scatter by one number each, so that three standard errors are allowed, and half of a percent
+ * for the reference, which has 1,400 samples in the light: 0.84 1400^(-3/4) = 0.4 %. */
 static void light_on_a_few_surface_points_is_found(void)
 {
     static const char text[] =

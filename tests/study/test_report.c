@@ -480,7 +480,8 @@ static void a_photograph_takes_the_place_of_the_white_pattern(void)
     free(path);
 }
 
-/* The first image is the sample under white, the second its albedo, point for point; the last the picture that was handed over. */
+/* The first image is the sample under white, the second its albedo, point for point; the last the picture that was
+ * handed over. */
 static void images_are_whole_pngs(void)
 {
     struct nacre_error error = {0};

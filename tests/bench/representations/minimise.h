@@ -19,7 +19,8 @@ struct minimise_limits {
     double progress; /* ends when 20 iterations lower the value by less than this share */
 };
 
-/* Go down from x, which becomes where it ends. The value never rises. Returns the value there; *iterations becomes how many it took. */
+/* Go down from x, which becomes where it ends. The value never rises. Returns the value there; *iterations becomes how
+ * many it took. */
 double minimise(const struct function *function, const struct minimise_limits *limits, double *x,
                 int *iterations);
 
